@@ -28,7 +28,7 @@ from seeing_wind.engine.mpm.rollout import advance  # noqa: E402
 from seeing_wind.engine.mpm.state import State  # noqa: E402
 from seeing_wind.engine.record_arrays import read_recovery  # noqa: E402
 from seeing_wind.engine.records import as_found  # noqa: E402
-from seeing_wind.engine.recovery.resimulate.in_field import continued  # noqa: E402
+from seeing_wind.engine.recovery.resimulate.in_field import extrapolate  # noqa: E402
 from seeing_wind.engine.take import Take  # noqa: E402
 
 SCENES = ("sheet", "banner", "pole", "clay")
@@ -90,7 +90,7 @@ def drift(field: ForceField, body: Trajectories, take: Path) -> float:
     start = State.at_rest(body.particles.x)
     state, density = State(start.x, found.v0, start.C, start.F), body.material.density
     for t in range(field.frames):
-        force, gradient = continued(field, state.x, t)
+        force, gradient = extrapolate(field, state.x, t)
         state = advance(model, state, force / density, gradient / density, frame=t)
     free, path = ~body.particles.pinned, body.targets.x
     way = np.linalg.norm(np.diff(path[:, free], axis=0), axis=-1).sum(axis=0)

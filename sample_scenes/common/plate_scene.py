@@ -17,7 +17,7 @@ from outlines import flat_mesh, inside_any
 from seeing_wind.engine.conventions import GRAVITY
 from seeing_wind.engine.field.analytic import ForceFieldAnalytic
 from seeing_wind.engine.look.report.accuracy import uniform_errors
-from seeing_wind.engine.materials import adjusted, find
+from seeing_wind.engine.materials import adjust, find
 from seeing_wind.engine.mpm.model_for import model_for
 from seeing_wind.engine.mpm.rollout import advance
 from seeing_wind.engine.mpm.state import State
@@ -56,7 +56,7 @@ class Plate:
 
     def stuff(self) -> Material:
         """The library's material with this plate's numbers."""
-        return adjusted(find(self.material), density=self.density, youngs_modulus=self.youngs_modulus)
+        return adjust(find(self.material), density=self.density, youngs_modulus=self.youngs_modulus)
 
     def world(self, flat: np.ndarray, depth: float) -> np.ndarray:
         """Plate coordinates (N, 2) at `depth` behind the middle plane -> world (N, 3)."""

@@ -11,7 +11,7 @@ from wind import Wind
 
 from seeing_wind.engine.conventions import GRAVITY
 from seeing_wind.engine.field.analytic import ForceFieldAnalytic
-from seeing_wind.engine.materials import adjusted, find
+from seeing_wind.engine.materials import adjust, find
 from seeing_wind.engine.mpm.model_for import model_for
 from seeing_wind.engine.mpm.rollout import advance
 from seeing_wind.engine.mpm.state import State
@@ -50,7 +50,7 @@ class Flight:
 
 def leaf_material() -> Material:
     """The library's leaf with the numbers above."""
-    return adjusted(find(MATERIAL), density=DENSITY, youngs_modulus=YOUNGS_MODULUS)
+    return adjust(find(MATERIAL), density=DENSITY, youngs_modulus=YOUNGS_MODULUS)
 
 
 def leaf_particles(leaf: Leaf, spacing: float) -> Particles:

@@ -201,7 +201,7 @@ def find(name: str) -> Material:
     raise MaterialError(f"There is no material '{name}'.", hint)
 
 
-def adjusted(
+def adjust(
     material: Material,
     *,
     law: str | None = None,
@@ -278,7 +278,7 @@ def _read_library() -> tuple[dict[str, Material], dict[str, Sheet]]:
     materials, sheets = {}, {}
     for name, values in tables.items():
         sheet = values.pop("sheet", None)
-        materials[name] = adjusted(Material(name=name, **{**values, "source": _source(values["source"], references)}))
+        materials[name] = adjust(Material(name=name, **{**values, "source": _source(values["source"], references)}))
         if sheet is not None:
             sheet["source"] = _source(sheet["source"], references)
             sheets[name] = Sheet(poisson_ratio=materials[name].poisson_ratio, **sheet)

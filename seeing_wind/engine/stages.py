@@ -104,7 +104,7 @@ def lift_stage(
         upstream: stamp of the body and of all views.
     """
     from .observe.object.motion.views import lifted_together
-    from .observe.object.sheet import followed_together
+    from .observe.object.sheet import follow_views
     from .recovery.journal import TakeJournal
 
     names = ("lifted",) if body.path is None else ("lifted", "path", "path_sigma")
@@ -121,7 +121,7 @@ def lift_stage(
         return dataclasses.replace(body, lifted=kept["lifted"], path=kept.get("path"), path_sigma=kept.get("path_sigma"))
     progress.begin("build", "lifting the views together")
     with TakeJournal(take, stamp, progress) as journal:
-        together = (lifted_together if body.path is None else followed_together)(observation, body, targets, progress, journal)
+        together = (lifted_together if body.path is None else follow_views)(observation, body, targets, progress, journal)
         take.write_arrays(LIFTED, {name: getattr(together, name) for name in names})
         take.finish("lift", stamp, {})
     return together

@@ -12,7 +12,7 @@ import pytest
 
 from seeing_wind.engine import materials as room
 from seeing_wind.engine.errors import MaterialError
-from seeing_wind.engine.materials import DEFAULT, LAWS, MATERIALS, PLASTIC_LAWS, adjusted, find
+from seeing_wind.engine.materials import DEFAULT, LAWS, MATERIALS, PLASTIC_LAWS, adjust, find
 
 LIBRARY = Path(room.__file__).with_name("materials.toml")
 
@@ -70,12 +70,12 @@ def test_unknown_material_names_the_nearest() -> None:
         find("xqzw")
 
 
-def test_adjusted_replaces_and_records() -> None:
-    leaf = adjusted(find("leaf"), density=500.0, youngs_modulus=1e5)
+def test_adjust_replaces_and_records() -> None:
+    leaf = adjust(find("leaf"), density=500.0, youngs_modulus=1e5)
     assert (leaf.density, leaf.youngs_modulus, leaf.poisson_ratio) == (500.0, 1e5, find("leaf").poisson_ratio)
     assert "density, youngs_modulus" in leaf.source
-    assert adjusted(find("leaf")) == find("leaf")
-    assert adjusted(replace(find("leaf"), source=""), density=500.0).source == "given by the user: density"
+    assert adjust(find("leaf")) == find("leaf")
+    assert adjust(replace(find("leaf"), source=""), density=500.0).source == "given by the user: density"
 
 
 @pytest.mark.parametrize(
@@ -99,13 +99,13 @@ def test_adjusted_replaces_and_records() -> None:
 )
 def test_unphysical_numbers_are_refused(change: dict) -> None:
     with pytest.raises(MaterialError) as caught:
-        adjusted(find("leaf"), **change)
+        adjust(find("leaf"), **change)
     assert caught.value.hint
 
 
 def test_a_plastic_material_may_be_taken_for_elastic() -> None:
-    assert adjusted(find("clay"), law="corotated").law == "corotated"
+    assert adjust(find("clay"), law="corotated").law == "corotated"
 
 
 def test_a_plastic_law_with_its_yield_stress_is_fine() -> None:
-    assert adjusted(find("leaf"), law="von_mises", yield_stress=1e4).law == "von_mises"
+    assert adjust(find("leaf"), law="von_mises", yield_stress=1e4).law == "von_mises"

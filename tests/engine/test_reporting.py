@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.command import verbs
-from seeing_wind.engine.command.reporting import reported
+from seeing_wind.engine.command.reporting import report_result
 from seeing_wind.engine.conventions import UNHELD
 from seeing_wind.engine.errors import MissingPackage, TakeError
 from seeing_wind.engine.field import UniformField
@@ -56,30 +56,30 @@ def recovery() -> Recovery:
 
 def test_a_report_that_is_finished_is_not_drawn_again(take: Take) -> None:
     draw = Drawing(take)
-    first = reported(take, recovery(), "full", "clip.mp4", draw, NoProgress())
-    assert reported(take, recovery(), "full", "clip.mp4", draw, NoProgress()) == first and draw.drawn == 1
+    first = report_result(take, recovery(), "full", "clip.mp4", draw, NoProgress())
+    assert report_result(take, recovery(), "full", "clip.mp4", draw, NoProgress()) == first and draw.drawn == 1
     assert first["warnings"] == [] and first["stage_seconds"] == {"total": 12.5}
 
 
 @pytest.mark.parametrize("change", ["level", "clip", "file", "field"])
 def test_it_is_drawn_again_when_anything_is_different(take: Take, change: str) -> None:
     draw = Drawing(take)
-    reported(take, recovery(), "full", "clip.mp4", draw, NoProgress())
+    report_result(take, recovery(), "full", "clip.mp4", draw, NoProgress())
     if change == "file":
         take.file("overlay.mp4").unlink()
     if change == "field":
         take.finish("recover", "another stamp", {})
     level, clip = "quick" if change == "level" else "full", "moved.mp4" if change == "clip" else "clip.mp4"
-    reported(take, recovery(), level, clip, draw, NoProgress())
+    report_result(take, recovery(), level, clip, draw, NoProgress())
     assert draw.drawn == 2
 
 
 def test_a_product_that_is_missing_is_a_warning_and_is_tried_again(take: Take) -> None:
     draw = Drawing(take, missing={"overlay.mp4": "This OpenCV has no codec."})
-    result = reported(take, recovery(), "quick", "clip.mp4", draw, NoProgress())
+    result = report_result(take, recovery(), "quick", "clip.mp4", draw, NoProgress())
     assert result["outcome"] == "converged" and result["warnings"] == ["overlay.mp4: This OpenCV has no codec."]
     draw.missing = {}
-    assert reported(take, recovery(), "quick", "clip.mp4", draw, NoProgress())["warnings"] == [] and draw.drawn == 2
+    assert report_result(take, recovery(), "quick", "clip.mp4", draw, NoProgress())["warnings"] == [] and draw.drawn == 2
 
 
 ERRORS = [
@@ -97,17 +97,17 @@ ERRORS = [
 def test_no_report_is_worth_the_field(take: Take, error: Exception) -> None:
     told: list[dict[str, Any]] = []
     draw = Drawing(take, error=error)
-    result = reported(take, recovery(), "full", "clip.mp4", draw, Progress(told.append))
+    result = report_result(take, recovery(), "full", "clip.mp4", draw, Progress(told.append))
     assert (result["outcome"], result["iterations"], result["notes"]) == ("converged", 3, ["a note"])
     assert len(result["warnings"]) == 1 and str(error) in result["warnings"][0]
     assert [message["message"] for message in told if message["type"] == "warning"] == result["warnings"]
     draw.error = None
-    assert reported(take, recovery(), "full", "clip.mp4", draw, NoProgress())["warnings"] == []
+    assert report_result(take, recovery(), "full", "clip.mp4", draw, NoProgress())["warnings"] == []
 
 
 def test_a_cancel_is_no_fault_of_the_report(take: Take) -> None:
     with pytest.raises(Cancelled):
-        reported(take, recovery(), "full", "clip.mp4", Drawing(take, error=Cancelled()), NoProgress())
+        report_result(take, recovery(), "full", "clip.mp4", Drawing(take, error=Cancelled()), NoProgress())
 
 
 @pytest.fixture

@@ -190,5 +190,5 @@ def settings_of(cls: type, arguments: argparse.Namespace, **more: Any) -> Any:
 
 
 def properties_of(arguments: argparse.Namespace) -> dict[str, Any]:
-    """What the options say of the material, as `materials.adjusted` takes it; None where they do not."""
+    """What the options say of the material, as `materials.adjust` takes it; None where they do not."""
     return {one.name: getattr(arguments, one.name) for one in options_of(BuildSettings).values() if one.group == MADE and one.optional}

@@ -33,8 +33,8 @@ FILM_SIDE = 640
 def observe(arguments: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     """`observe CLIP --take DIR` -> preview.png, preview.mp4 and preview.json; held.png where the object seems to be held."""
     from ..observe.clip.frames import require_clip
-    from ..observe.preview.held import proposed_place
-    from ..observe.preview.verdicts import judged
+    from ..observe.preview.held import propose_held
+    from ..observe.preview.verdicts import judge
 
     require_clip(arguments.clip)
     settings = settings_of(ObserveSettings, arguments)
@@ -42,8 +42,8 @@ def observe(arguments: argparse.Namespace, progress: Progress) -> dict[str, Any]
     with held(Take(arguments.take), arguments.verb, progress) as take, ThreadPoolExecutor(1) as beside:
         seen, _ = observe_stage(take, arguments.clip, settings, progress)
         frames = beside.submit(_film_frames, seen, progress)
-        proposed = None if seen.pin.any() else proposed_place(seen)
-        verdicts = judged(seen, settings, proposed, _time(seen, arguments))
+        proposed = None if seen.pin.any() else propose_held(seen)
+        verdicts = judge(seen, settings, proposed, _time(seen, arguments))
         progress.begin("preview", "drawing")
         _draw(take, seen, proposed, verdicts, frames, progress)
         for one in verdicts:
@@ -58,12 +58,12 @@ def observe(arguments: argparse.Namespace, progress: Progress) -> dict[str, Any]
 
 def _time(seen: Observation, arguments: argparse.Namespace) -> list[Verdict]:
     """What the solve of the body that would be built takes on this machine; nothing while that is not known."""
-    from ..observe.object.body import unmoved
+    from ..observe.object.body import rest_body
     from ..observe.preview.verdicts import Verdict
     from ..recovery.cost import known_speed, work_of
 
     try:
-        body = unmoved(seen, settings_of(BuildSettings, arguments))
+        body = rest_body(seen, settings_of(BuildSettings, arguments))
     except (MaterialError, ObjectError) as error:
         return [Verdict(BODY, 1.0, f"It cannot be built. {error.message}", error.hint)]
     if body is None:
@@ -100,7 +100,7 @@ def _draw(
     from ..observe.preview.drawing import Canvas, with_verdicts
 
     with take.writing(IMAGE) as path:
-        first = with_verdicts(Canvas(seen, proposed, (seen.camera.height, seen.camera.width)).drawn(seen.image, 0), verdicts)
+        first = with_verdicts(Canvas(seen, proposed, (seen.camera.height, seen.camera.width)).draw_seen(seen.image, 0), verdicts)
         write_png(path, cv2.cvtColor(first, cv2.COLOR_RGB2BGR))
     if proposed is not None:
         with take.writing(HELD) as path:
@@ -115,7 +115,7 @@ def _draw(
         encoder, before = together.enter_context(ThreadPoolExecutor(1)), None
         for t in range(len(frames)):
             progress.update(t / len(frames), f"drawing, frame {t} of {len(frames) - 1}")
-            drawn = cv2.cvtColor(film.drawn(lens.straight_one(frames[t]), t), cv2.COLOR_RGB2BGR)
+            drawn = cv2.cvtColor(film.draw_seen(lens.straight_one(frames[t]), t), cv2.COLOR_RGB2BGR)
             if before is not None:
                 before.result()
             before = encoder.submit(writer.write, drawn)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import ObjectError, UsageError
-from ..materials import adjusted, find
+from ..materials import adjust, find
 from ..progress import Journal, Progress
 from ..records import Body, Outcome, Recovery, TrackTargets
 from ..settings import BuildSettings, ObserveSettings, RecoverSettings, WindSettings
@@ -19,7 +19,7 @@ from ..take import Take, stamp_of
 from .arguments import properties_of, settings_of
 from .join import join
 from .lock import held
-from .reporting import diverged, reported
+from .reporting import diverged_result, report_result
 
 if TYPE_CHECKING:
     from ..field import ForceField
@@ -64,13 +64,13 @@ def _recover_objects(arguments: argparse.Namespace, progress: Progress) -> Resul
         own.pin = arguments.pin if arguments.pin and _on(one["mask"], arguments.pin) else None
         results.append({"name": one["name"], **recover_one(own, progress)})
     Take(home).write_json("objects_recovered.json", {"clip": arguments.clip, "objects": results})
-    shared = _joined(arguments, results, progress)
+    shared = _join_winds(arguments, results, progress)
     worst = [outcome for outcome in (Outcome.DIVERGED, Outcome.MAX_ITERATIONS) if any(r["outcome"] == outcome for r in results)]
     outcome, warnings = worst[0] if worst else Outcome.CONVERGED, [f"{r['name']}: {one}" for r in results for one in r.get("warnings", [])]
     return {"outcome": outcome.value, "take": str(home), "objects": results, "warnings": warnings + shared}
 
 
-def _joined(arguments: argparse.Namespace, results: list[Result], progress: Progress) -> list[str]:
+def _join_winds(arguments: argparse.Namespace, results: list[Result], progress: Progress) -> list[str]:
     """One wind for all objects that a wind was found for, if it was asked for; what is in the way is told, and each keeps its own."""
     if arguments.field != "wind" or any(one["outcome"] == Outcome.DIVERGED for one in results) or len(results) < 2:
         return []
@@ -109,7 +109,7 @@ def recover_one(arguments: argparse.Namespace, progress: Progress) -> Result:
         for name in files:
             if not Path(name).is_file():
                 raise UsageError(f"--view names {name}, which is no file.", "Give each further view a clip, a camera and a mask.")
-    adjusted(find(arguments.material), **properties_of(arguments))
+    adjust(find(arguments.material), **properties_of(arguments))
     settings = settings_of(RecoverSettings, arguments, clamp_depth=PAINTED_DEPTH)
     check_solve(settings, clip=True, views=len(arguments.view))
     if arguments.form == "sheet":
@@ -125,7 +125,7 @@ def _recover_into(
     from ..look import write_ply
     from ..look.multiview import with_views
     from ..observe.object.motion.views import view_targets
-    from ..observe.preview.verdicts import doubted
+    from ..observe.preview.verdicts import doubt_remarks
     from ..recovery.diagnostics.remarks import worst_first
     from ..recovery.stage import recover_stage
     from ..recovery.wind.stage import wind_stage
@@ -135,9 +135,9 @@ def _recover_into(
     observation, seen = _timed(seconds, "observe", lambda: observe_stage(take, arguments.clip, observing, progress))
     building = settings_of(BuildSettings, arguments)
     if endpoint is not None:
-        from ..observe.models.language import estimated
+        from ..observe.models.language import ask_material
 
-        building = _timed(seconds, "material", lambda: estimated(take, endpoint, observation, building, progress))
+        building = _timed(seconds, "material", lambda: ask_material(take, endpoint, observation, building, progress))
     body, built = _timed(seconds, "build", lambda: build_stage(take, observation, seen, building, progress))
     targets, sights = [track_targets(observation, body)], []
     for number, (clip, camera, mask) in enumerate(arguments.view, start=1):
@@ -165,10 +165,10 @@ def _recover_into(
             take, body.particles, body.material, targets, observation.fps, upstream, settings, progress, loss
         )
         if fitted is None:
-            return diverged(recovery)
+            return diverged_result(recovery)
         field = fitted
         wind = wind_stage(take, body, body.particles, body.material, recovery, observation.fps, blown, settings, progress)
-    notes = [*wind.notes, *recovery.notes, *doubted(observation, observing)]
+    notes = [*wind.notes, *recovery.notes, *doubt_remarks(observation, observing)]
     recovery = dataclasses.replace(recovery, notes=worst_first(notes))
 
     def draw(journal: Journal) -> dict[str, Any]:
@@ -180,7 +180,7 @@ def _recover_into(
             level=level, wind=wind.told, expected=expected, journal=journal,
         )  # fmt: skip
 
-    result = reported(take, recovery, arguments.report, observation.clip, draw, progress)
+    result = report_result(take, recovery, arguments.report, observation.clip, draw, progress)
     gone = [name for name in KEPT if not take.file(name).is_file()]
     if gone:  # somebody has removed the folder meanwhile
         result["warnings"].append(f"{' and '.join(gone)} were removed from the take while it was made: run `recover` again.")
@@ -246,7 +246,7 @@ def recover_trajectories(arguments: argparse.Namespace, progress: Progress) -> R
         )
         recovery = dataclasses.replace(recovery, notes=worst_first([*source.notes, *recovery.notes]))
         if field is None:
-            return diverged(recovery)
+            return diverged_result(recovery)
         blown = settings_of(WindSettings, arguments)
         wind = wind_stage(take, None, particles, material, recovery, source.fps, blown, settings, progress)
         recovery = dataclasses.replace(recovery, notes=worst_first([*wind.notes, *recovery.notes]))
@@ -258,7 +258,7 @@ def recover_trajectories(arguments: argparse.Namespace, progress: Progress) -> R
                 take, particles, material, recovery, field, seconds, settings, None, progress, arguments.report, wind.told, expected
             )
 
-        return reported(take, recovery, arguments.report, "", draw, progress)
+        return report_result(take, recovery, arguments.report, "", draw, progress)
 
 
 def asked_model(arguments: argparse.Namespace) -> Endpoint | None:

@@ -15,7 +15,7 @@ Result = dict[str, Any]
 Draw = Callable[[Journal], dict[str, Any]]
 
 
-def reported(take: Take, recovery: Recovery, level: str, clip: str, draw: Draw, progress: Progress) -> Result:
+def report_result(take: Take, recovery: Recovery, level: str, clip: str, draw: Draw, progress: Progress) -> Result:
     """The result of a recovery whose field is in the take. That the field is of no use, and what of the report could not be made, are
     warnings in it: they fail no job.
 
@@ -50,7 +50,7 @@ def _summary(report: dict[str, Any], take: Take) -> Result:
     return {"take": str(take.path), **{("stage_seconds" if key == "seconds" else key): report[key] for key in keys if key in report}}
 
 
-def diverged(recovery: Recovery) -> Result:
+def diverged_result(recovery: Recovery) -> Result:
     """The result of a recovery that has no field."""
     return {"outcome": Outcome.DIVERGED.value, "iterations": recovery.iterations, "notes": recovery.notes}
 

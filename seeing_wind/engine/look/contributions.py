@@ -8,7 +8,7 @@ from scipy import sparse
 
 from ..records import Camera, Gaussians
 from .gaussians import covariances
-from .splatting import mixed, project, shapes, tiles_of
+from .splatting import blend_weights, project, shapes, tiles_of
 
 LEAST = 2e-3
 """Contributions below this, half a grey level, are left out."""
@@ -32,7 +32,7 @@ def contributions(gaussians: Gaussians, camera: Camera, x: np.ndarray, F: np.nda
         tiles = tiles_of(mean, flat, depth, camera.width, camera.height)
         packed = shapes(mean, flat, torch.from_numpy(gaussians.opacity).float())
         for batch in tiles.batches:
-            weight, passed = mixed(packed[batch.index], batch)
+            weight, passed = blend_weights(packed[batch.index], batch)
             inside = (batch.pixels[..., 0] < camera.width) & (batch.pixels[..., 1] < camera.height)
             number = (batch.pixels[..., 1] * camera.width + batch.pixels[..., 0]).long()
             behind[number[inside].numpy(), 0] = passed[inside].numpy()

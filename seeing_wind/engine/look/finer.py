@@ -37,10 +37,10 @@ def finer(gaussians: Gaussians, particles_x: np.ndarray, camera: Camera, motion:
     for t, x, F in motion:
         shown = camera.projection_jacobian(gaussians.attachment.follow(x), t) @ (blended_gradients(gaussians, F) @ arms)
         wide |= np.linalg.norm(shown, axis=1) > LIMIT
-    result = _chosen(gaussians, ~wide.any(axis=1))
+    result = _subset(gaussians, ~wide.any(axis=1))
     for halved in ((True, False), (False, True), (True, True)):
         these = (wide == halved).all(axis=1)
-        whole = _chosen(gaussians, these)
+        whole = _subset(gaussians, these)
         scale, offsets = whole.scale.copy(), np.zeros((1, *whole.x.shape))
         for arm in np.flatnonzero(halved):
             scale[np.arange(len(scale)), long[these, arm]] *= SHRUNK
@@ -50,7 +50,7 @@ def finer(gaussians: Gaussians, particles_x: np.ndarray, camera: Camera, motion:
     return result
 
 
-def _chosen(gaussians: Gaussians, rows: np.ndarray) -> Gaussians:
+def _subset(gaussians: Gaussians, rows: np.ndarray) -> Gaussians:
     """The Gaussians (G,) bool of a set."""
     ride = Attachment(gaussians.attachment.index[rows], gaussians.attachment.weight[rows])
     plain = {name: getattr(gaussians, name)[rows] for name in ("x", "scale", "rotation", "opacity", "sh")}

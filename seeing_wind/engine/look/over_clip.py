@@ -120,7 +120,7 @@ def fit_appearance(body: Body, recovery: Recovery, footage: Footage, progress: P
             progress.update(0.7 * number / len(chosen), "look over the clip")
             trust = 1.0 / (1.0 + (recovery.residual[t] / OFF) ** 2)
             equations.append(_equations(gaussians, footage, int(t), recovery.x[t], recovery.F[t], float(trust)))
-        return dataclasses.replace(gaussians, sh=_solved(gaussians, equations, progress))
+        return dataclasses.replace(gaussians, sh=_fit_harmonics(gaussians, equations, progress))
 
 
 def _spread(frames: np.ndarray, count: int) -> np.ndarray:
@@ -147,7 +147,7 @@ def _equations(gaussians: Gaussians, footage: Footage, t: int, x: np.ndarray, F:
     return _Equations(trust, weights, colour.astype(np.float32), np.ascontiguousarray(harmonics(toward, BANDS).T, dtype=np.float32))
 
 
-def _solved(gaussians: Gaussians, equations: list[_Equations], progress: Progress) -> np.ndarray:
+def _fit_harmonics(gaussians: Gaussians, equations: list[_Equations], progress: Progress) -> np.ndarray:
     """Harmonics (G, BANDS, 3) of least squares, drawn to the Gaussians' own colours and to no higher harmonics."""
     count = len(gaussians.x)
     # Gaussians last: loops over them are the long ones, and NumPy's innermost axis should be.

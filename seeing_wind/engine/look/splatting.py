@@ -102,13 +102,13 @@ def tiles_of(mean: torch.Tensor, covariance: torch.Tensor, depth: torch.Tensor, 
 
 
 def shapes(mean: torch.Tensor, covariance: torch.Tensor, opacity: torch.Tensor) -> torch.Tensor:
-    """(G, 6) what `mixed` needs of Gaussians: centre [px], inverse covariance [1/px²], opacity."""
+    """(G, 6) what `blend_weights` needs of Gaussians: centre [px], inverse covariance [1/px²], opacity."""
     determinant = covariance[:, 0, 0] * covariance[:, 1, 1] - covariance[:, 0, 1] ** 2
     conic = torch.stack([covariance[:, 1, 1], -covariance[:, 0, 1], covariance[:, 0, 0]], dim=1) / determinant[:, None]
     return torch.cat([mean, conic, opacity[:, None]], dim=1)
 
 
-def mixed(listed: torch.Tensor, batch: Batch) -> tuple[torch.Tensor, torch.Tensor]:
+def blend_weights(listed: torch.Tensor, batch: Batch) -> tuple[torch.Tensor, torch.Tensor]:
     """Blending weights (M, L, P) of the Gaussians that a batch lists, with `shapes` (M, L, 6 or more), and what passes them all (M, P)."""
     offset_x, offset_y = (batch.pixels[:, None, :, i] - listed[..., i, None] for i in range(2))  # (M, L, P)
     xx, xy, yy = (listed[..., i, None] for i in (2, 3, 4))
@@ -128,7 +128,7 @@ def blend(
     parts = []
     for batch in tiles.batches:
         listed = torch.nn.functional.embedding(batch.index, packed)  # (M, L, 9)
-        weight, _ = mixed(listed, batch)
+        weight, _ = blend_weights(listed, batch)
         parts.append(torch.cat([weight.transpose(1, 2) @ listed[..., 6:], weight.sum(dim=1)[..., None]], dim=2))  # (M, P, 4)
     blank = packed.new_zeros((tiles.across * tiles.down, TILE**2, 4))
     if not parts:

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..conventions import frame_named
 from ..errors import MaterialError, SimulationError, UsageError
-from ..materials import adjusted
+from ..materials import adjust
 from ..records import Material, Particles
 from .lattice.boundary import HELD
 from .laws.constitutive import LAWS
@@ -49,7 +49,7 @@ def checked_bodies(
     for stuff in materials:
         if stuff.law not in LAWS:
             raise MaterialError(f"The solver has no law {stuff.law!r} (material {stuff.name}).", f"Choose one of {', '.join(LAWS)}.")
-    return bodies, [adjusted(stuff) for stuff in materials], scales
+    return bodies, [adjust(stuff) for stuff in materials], scales
 
 
 def _check_body(body: Particles, whose: str) -> None:

@@ -101,7 +101,7 @@ def model_for(
     )  # fmt: skip
     if not pinned.any():  # hardly shows its damping
         return model, notes
-    return _damped(model, bodies, materials, notes), notes
+    return _with_damping(model, bodies, materials, notes), notes
 
 
 def _columns(
@@ -125,7 +125,7 @@ def _columns(
     return tuple(np.concatenate(column) for column in zip(*columns)), most
 
 
-def _damped(model: Model, bodies: Sequence[Particles], materials: Sequence[Material], notes: list[str]) -> Model:
+def _with_damping(model: Model, bodies: Sequence[Particles], materials: Sequence[Material], notes: list[str]) -> Model:
     """The model with its materials' damping, as far as its substeps carry it: more of them would add more damping of the solver's own."""
     wanted = max(stuff.retardation for stuff in materials)
     if wanted == 0.0:

@@ -22,7 +22,7 @@ from .clip.filmed.surroundings import camera_doubts
 from .clip.frames import Clip, read_clip
 from .clip.lens import Lens
 from .clip.opencv_threads import one_thread
-from .clip.shake import as_filmed, camera_turns, homography, steadied, through_mask, turning
+from .clip.shake import as_filmed, camera_turns, homography, stabilise, through_mask, turning
 from .following import follow
 from .mask.background import clean_plate, median_plate, stands_still
 from .mask.by_turns import with_background
@@ -88,7 +88,7 @@ def _seen(clip: Clip, settings: ObserveSettings, progress: Progress, journal: Jo
     if turns is not None:
         progress.warn("The camera is not quite still; it is taken to turn in the hand, and its turns are taken out.")
         still = True
-        clip = replace(clip, frames=steadied(clip.frames, turns, camera, progress))
+        clip = replace(clip, frames=stabilise(clip.frames, turns, camera, progress))
     elif not still and settings.camera is None:
         doubts.append(Doubt(1.2, "The camera moves, and without --camera its motion is taken for the object's.", MOVES_DO))
     plate = median_plate(clip.frames, progress) if still else None

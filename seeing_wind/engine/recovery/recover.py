@@ -75,7 +75,7 @@ def recover(
         raise ObjectError("Nothing of the object is seen after the first frame.", "Check the mask, or give more frames of it.")
     moving = clamp_motion(particles, targets, fps) if isinstance(targets, PointTargets) else None
     if moving is not None:
-        sources = [moving.stilled(one) for one in sources if isinstance(one, PointTargets)]
+        sources = [moving.in_clamp_frame(one) for one in sources if isinstance(one, PointTargets)]
     channels: list[Channels] = []
     for one in sources:
         if isinstance(one, PointTargets):
@@ -91,7 +91,7 @@ def recover(
         speed=min([LIMITS.default_speed, *(PACE.haste * _fastest(one.targets, fps) for one in channels if isinstance(one, PointChannels))]),
     )  # fmt: skip
     if particles.pinned.any() and not plastic:
-        model = _refined(model, channels)
+        model = _with_finer_substeps(model, channels)
     if moving is not None:
         model = replace(model, gravity=moving.gravity(particles, model.gravity))
     objective = Objective(channels)
@@ -113,7 +113,7 @@ def _stiffness(particles: Particles, model: Model, settings: RecoverSettings, kn
     return known.stiffness_of(particles, model, free)
 
 
-def _refined(model: Model, channels: Sequence[Channels]) -> Model:
+def _with_finer_substeps(model: Model, channels: Sequence[Channels]) -> Model:
     """A held body with the substeps that it wants where points in 3D swing far."""
     seen = (one.targets for one in channels if isinstance(one, PointChannels))
     times = max((refinement(one, model.dx, model.frame_dt, model.substeps) for one in seen), default=1.0)

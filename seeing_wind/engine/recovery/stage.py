@@ -87,7 +87,7 @@ def recover_stage(
             take.write_arrays(SOLVED, to_arrays(recovery) | {"fps": np.array(fps)})
             take.finish("solve", solved, to_mapping(told))
     with TakeJournal(take, stamp, progress) as journal:
-        field = _fitted(recovery, particles, material, fps, settings, progress, journal, seconds)
+        field = _fit_field(recovery, particles, material, fps, settings, progress, journal, seconds)
         with take.writing(FITTED) as path:
             field.save(path)
         # A full disk stops either of the stamps, before both files are renamed or after: what is there belongs together.
@@ -133,7 +133,7 @@ def known_body(folder: str) -> KnownBody:
     return KnownBody.of(read_recovery(require_take(folder)), folder)
 
 
-def _fitted(
+def _fit_field(
     recovery: Recovery,
     particles: Particles,
     material: Material,

@@ -9,7 +9,7 @@ import pytest
 from scipy.optimize import least_squares
 
 from seeing_wind.engine.errors import MaterialError
-from seeing_wind.engine.materials import LIMITS, LOSS_FREQUENCY, MATERIALS, adjusted
+from seeing_wind.engine.materials import LIMITS, LOSS_FREQUENCY, MATERIALS, adjust
 from seeing_wind.engine.mpm.damping import longest_retardation, retardation_of, substeps_for, with_retardation
 from seeing_wind.engine.mpm.model_for import model_for
 from seeing_wind.engine.mpm.rollout import rollout
@@ -166,4 +166,4 @@ def test_bodies_that_flow_keep_the_viscosity_of_their_flow():
 def test_a_loss_factor_out_of_range_is_refused():
     for wrong in (-0.1, 3.0, np.nan):
         with pytest.raises(MaterialError, match="loss"):
-            adjusted(MATERIALS["rubber"], loss_factor=wrong)
+            adjust(MATERIALS["rubber"], loss_factor=wrong)

@@ -12,7 +12,7 @@ from scenes import HEIGHT, WIDTH, Scene, disc_scene, noise, write_video
 
 from seeing_wind.engine.observe import observe
 from seeing_wind.engine.observe.clip.camera import find_camera
-from seeing_wind.engine.observe.clip.shake import as_filmed, camera_turns, homography, steadied, through, without_spikes
+from seeing_wind.engine.observe.clip.shake import as_filmed, camera_turns, homography, stabilise, through, without_spikes
 from seeing_wind.engine.progress import Journal, NoProgress, Progress
 from seeing_wind.engine.settings import ObserveSettings
 
@@ -88,7 +88,7 @@ def test_steadying_and_back_again() -> None:
     turns = turns_of_a_hand()
     rng = np.random.default_rng(2)
     frames = np.stack([noise(rng, (HEIGHT, WIDTH), (0, 0, 0), (255, 255, 255), 4.0).astype(np.uint8)] * 13)
-    assert np.array_equal(steadied(frames, np.tile(np.eye(3), (13, 1, 1)), CAMERA, NoProgress()), frames)
+    assert np.array_equal(stabilise(frames, np.tile(np.eye(3), (13, 1, 1)), CAMERA, NoProgress()), frames)
     xy = rng.uniform(40, 120, (13, 5, 2))
     back, _, _ = as_filmed(xy, np.zeros(frames.shape[:3], bool), None, turns, CAMERA)
     assert np.allclose(np.stack([through(homography(turn, CAMERA), points) for turn, points in zip(turns, back)]), xy)

@@ -23,7 +23,7 @@ from seeing_wind.engine.observe.object.shape.on_stem import too_fine, widening
 from seeing_wind.engine.observe.object.shape.particles import fill
 from seeing_wind.engine.observe.object.shape.parts import parts_of
 from seeing_wind.engine.observe.object.shape.relief import relief_of
-from seeing_wind.engine.observe.preview.held import proposed_place
+from seeing_wind.engine.observe.preview.held import propose_held
 from seeing_wind.engine.progress import NoProgress
 from seeing_wind.engine.records import Observation
 from seeing_wind.engine.settings import ObserveSettings
@@ -76,7 +76,7 @@ def test_no_wall_is_in_the_outline_and_the_stem_goes_on_to_the_edge(filmed: tupl
 
 
 def test_only_the_foot_is_proposed_as_held(seen: Observation) -> None:
-    place = proposed_place(seen)
+    place = propose_held(seen)
     assert place is not None and np.nonzero(place)[0].min() > 0.9 * HEIGHT
 
 
@@ -93,7 +93,7 @@ def test_a_still_end_inside_the_frame_is_not_half_the_stem(seen: Observation) ->
     free = dataclasses.replace(
         seen, masks=np.stack(masks), xy=xy, visible=visible, sigma=np.ones(visible.shape), on_centroid=np.zeros(len(y), bool)
     )
-    place = proposed_place(free)
+    place = propose_held(free)
     assert place is not None
     held = np.nonzero(place)[0]
     assert held.max() == 150 and held.min() > 150 - 0.3 * 110
@@ -125,7 +125,7 @@ def test_a_silhouette_at_the_edge_of_the_window_goes_on_there() -> None:
 
 
 def test_the_stem_is_a_rod_of_its_own_thickness_that_carries_a_round_head(seen: Observation) -> None:
-    place = proposed_place(seen)
+    place = propose_held(seen)
     held = dataclasses.replace(seen, pin=place)
     relief = relief_of(held)
     assert relief.kind == "parts" and relief.parts is not None
@@ -164,7 +164,7 @@ def test_leaves_beside_the_stem_are_sheets_and_a_broad_thing_has_no_stem() -> No
 
 
 def test_a_wider_softer_rod_sways_as_the_thin_stiff_stem_does(seen: Observation) -> None:
-    held = dataclasses.replace(seen, pin=proposed_place(seen))
+    held = dataclasses.replace(seen, pin=propose_held(seen))
     relief = relief_of(held)
     assert relief.parts is not None
     slow, stiff = (dataclasses.replace(find("plant_stem"), youngs_modulus=E, loss_factor=0.0) for E in (4e4, 1.2e6))

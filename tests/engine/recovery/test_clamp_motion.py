@@ -50,7 +50,7 @@ def test_the_motion_of_held_points_is_found(filmed):
     motion = clamp_motion(body, points(body, moved.x), FPS)
     assert motion.largest == pytest.approx(np.linalg.norm(SWAY), rel=0.01)
     assert motion.widest == pytest.approx(10.0, rel=0.01)
-    still = motion.stilled(points(body, moved.x)).x[:, body.pinned]
+    still = motion.in_clamp_frame(points(body, moved.x)).x[:, body.pinned]
     assert np.abs(still - body.x[body.pinned]).max() < 1e-4
 
 

@@ -59,13 +59,13 @@ def read_trajectories(
     Args:
         material: in place of all that the file says of the material.
         gravity: [m/s²], in place of the file's.
-        properties: as of `materials.adjusted`, in place of the file's and the material's; None leaves those.
+        properties: as of `materials.adjust`, in place of the file's and the material's; None leaves those.
 
     Raises:
         UsageError: no such file, no NPZ, a key missing, of the wrong type or shape, or a number out of its bounds.
         ObjectError: too few frames or particles, points that frame 0 does not show, visible positions that are not finite, a body that
             jumps.
-        MaterialError: as `materials.adjusted`, a material that the library does not have, or no stiffness.
+        MaterialError: as `materials.adjust`, a material that the library does not have, or no stiffness.
     """
     values, notes = values_of(path)
     x, visible, fixed, fps = motion_of(values, path)

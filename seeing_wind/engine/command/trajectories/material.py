@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import MaterialError, UsageError
-from ...materials import adjusted, find
+from ...materials import adjust, find
 from ...records import Material
 from .file import NUMBERS, number_in
 
@@ -36,11 +36,11 @@ def material_of(
     if preset is not None:
         unused = [NUMBERS.get(name, name) for name in stated if properties.get(name) is None]
         notes = [f"The material {preset.name} replaces what the file says: {', '.join(unused)}."] if unused else []
-        return adjusted(preset, **properties), notes
+        return adjust(preset, **properties), notes
     given = {name for name, value in properties.items() if value is not None}
-    named = _named(values, path)
+    named = _library_material(values, path)
     if named is not None:
-        return adjusted(adjusted(named, **stated), **properties), []
+        return adjust(adjust(named, **stated), **properties), []
     if "youngs_modulus" not in given and "youngs_modulus" not in stated:
         raise MaterialError(
             f"{path} lacks E, Young's modulus in Pa, and no option gives it.",
@@ -58,10 +58,10 @@ def material_of(
         notes.append(f"The file lacks {', '.join(missing)}, and no option gives it: assumed.{proportion}")
     modulus = stated.get("youngs_modulus") or properties["youngs_modulus"]
     whole = Material("trajectories", law, **{**guesses, "youngs_modulus": modulus, **stated}, source=source)
-    return adjusted(whole, **properties), notes
+    return adjust(whole, **properties), notes
 
 
-def _named(values: dict[str, np.ndarray], path: str | os.PathLike[str]) -> Material | None:
+def _library_material(values: dict[str, np.ndarray], path: str | os.PathLike[str]) -> Material | None:
     """The library's material that the file names; None without a name, or with one of `BEHAVIOURS`.
 
     Raises:

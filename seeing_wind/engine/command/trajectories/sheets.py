@@ -20,7 +20,7 @@ from ...stages import check_sheet
 from ...take import Take, stamp_of
 from ..arguments import properties_of, settings_of
 from ..lock import held
-from ..reporting import reported
+from ..reporting import report_result
 from .file import SHEET_KEYS, gravity_of, motion_of, number_in, values_of
 
 if TYPE_CHECKING:
@@ -72,7 +72,7 @@ def recover_sheet(arguments: argparse.Namespace, progress: Progress) -> dict[str
                 arguments.report, told,
             )  # fmt: skip
 
-        return reported(take, recovery, arguments.report, "", draw, progress)
+        return report_result(take, recovery, arguments.report, "", draw, progress)
 
 
 def read_sheet(
@@ -86,7 +86,7 @@ def read_sheet(
     Args:
         material: a sheet of the library, in place of all that the file says of one.
         gravity: [m/s²], in place of the file's.
-        properties: as of `materials.adjusted`, in place of the file's; None leaves those.
+        properties: as of `materials.adjust`, in place of the file's; None leaves those.
 
     Returns:
         The sheet as seen, gravity, and notes on what was assumed or not used.

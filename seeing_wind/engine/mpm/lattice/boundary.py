@@ -24,7 +24,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.special import ndtr
 
-from .colliders import Collider, laid_on
+from .colliders import Collider, align_lattice
 
 FREE, PINNED, HELD = 0, 1, 2
 """HELD is pinned and out of reach of every free node: it takes no part at all."""
@@ -114,7 +114,7 @@ def lattice_offset(
         axis = int(np.argmax(np.abs(inwards)))
         border = 0.25 * sum(float((a + b)[:, axis].mean()) for a, b in pairs)
         offset[axis] = border + depth * dx * float(np.sign(inwards[axis]))
-    return laid_on(offset, dx, colliders, fixed_axis=axis)
+    return align_lattice(offset, dx, colliders, fixed_axis=axis)
 
 
 def clamped_nodes(

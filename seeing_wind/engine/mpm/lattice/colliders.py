@@ -5,7 +5,7 @@ surface (a signed distance sampled on the lattice, as in Stomakhin et al. 2013, 
 
 Where contact begins: matter stops not at the last held node but about a cell before it, as its quadratic splines reach out that far. So
 a wall holds only nodes at least `INSET` cells behind it, which puts a resting body's own surface on the wall. Across a lattice the
-held layer, and with it the contact, may still lie half a cell off; `laid_on` takes that away for planes along the lattice's axes.
+held layer, and with it the contact, may still lie half a cell off; `align_lattice` takes that away for planes along the lattice's axes.
 """
 
 from __future__ import annotations
@@ -188,7 +188,7 @@ def collider_grid(colliders: Sequence[Collider], offset: np.ndarray, dx: float, 
     return ColliderGrid(planes, lo.astype(np.int32), solid, depth)
 
 
-def laid_on(offset: np.ndarray, dx: float, colliders: Sequence[Collider], fixed_axis: int) -> np.ndarray:
+def align_lattice(offset: np.ndarray, dx: float, colliders: Sequence[Collider], fixed_axis: int) -> np.ndarray:
     """The lattice's offset (3,) [m], moved so that a layer of nodes lies `INSET` cells behind the first plane along each axis.
 
     Args:

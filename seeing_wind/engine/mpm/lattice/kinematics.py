@@ -112,7 +112,7 @@ def conditions_for(model: Model, frame: int, state: State | None = None) -> list
     if model.pin_path is None or model.pin_rest is None:
         shifts = _count(moved, _LIFT_LAG * model.dx * walls, model.substeps // walls)
         times = [begun + (k + 0.5) / walls * span for k in range(walls)]
-        return [piece for time in times for piece in _followed(model, still, time, region, span / walls, shifts)]
+        return [piece for time in times for piece in _conditions_during(model, still, time, region, span / walls, shifts)]
     if not 0 <= frame < len(model.pin_path) - 1:
         raise SimulationError(
             f"The path of the pinned particles ends at {frame_named(len(model.pin_path) - 1)}, before {frame_named(frame)} is over.",
@@ -135,7 +135,7 @@ def conditions_for(model: Model, frame: int, state: State | None = None) -> list
         pins = start + (k + 0.5) / patterns * step
         shift = follow * (pins - at_rest).mean(axis=0)
         pattern = _clamp_at(model, pins, step / model.frame_dt, still, model.offset + shift)
-        pattern = _walled(model, pattern, begun + (k + 0.5) / patterns * span, region)
+        pattern = _conditions_at(model, pattern, begun + (k + 0.5) / patterns * span, region)
         for j in range(shifts):
             behind = (j + 0.5) / shifts - 0.5
             pieces.append(replace(pattern, offset=pattern.offset + behind / patterns * mean_step))
@@ -148,10 +148,10 @@ def _region(model: Model, state: State, moved: float) -> np.ndarray:
     return np.stack([state.x.min(axis=0) - reach, state.x.max(axis=0) + reach])
 
 
-def _followed(
+def _conditions_during(
     model: Model, conditions: Conditions, time: float, region: np.ndarray | None, lasts: float, shifts: int
 ) -> list[Conditions]:
-    """As `_walled`, for a while of `lasts` [frames] about `time`, in so many pieces.
+    """As `_conditions_at`, for a while of `lasts` [frames] about `time`, in so many pieces.
 
     The lattice goes with the first collider that moves, which then is as smooth to lie on as one that stands still.
     """
@@ -160,11 +160,11 @@ def _followed(
     lead = next(one for one in model.movers if isinstance(one, MeshCollider) and moves(one))
     before, middle, after = (lead.posed(time + behind * lasts, model.frame_dt).vertices.mean(axis=0) for behind in (-0.5, 0.0, 0.5))
     offset = model.offset + middle - lead.vertices.mean(axis=0)
-    walled = _walled(model, replace(conditions, offset=offset), time, region)
+    walled = _conditions_at(model, replace(conditions, offset=offset), time, region)
     return [replace(walled, offset=offset + ((j + 0.5) / shifts - 0.5) * (after - before)) for j in range(shifts)]
 
 
-def _walled(model: Model, conditions: Conditions, time: float, region: np.ndarray | None) -> Conditions:
+def _conditions_at(model: Model, conditions: Conditions, time: float, region: np.ndarray | None) -> Conditions:
     """The conditions with the colliders as they are at a time [frames], in a region (2, 3), where any of them moves."""
     if not model.movers:
         return conditions

@@ -57,7 +57,7 @@ class Contact:
         )
         return cls(vertex, normal, level + 0.5 * thickness, friction, bound, STIFF * inertia[vertex], dt * velocity, x[vertex], dt)
 
-    def _pressed(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _contact_forces(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Force along the normal (C,) [N], friction over the speed (C,) [N s/m], and which vertices count (C,) bool."""
         gap = (self.normal * x[self.vertex]).sum(axis=1) - self.level
         held = self.bound & ((self.normal * (self.start + self.wall)).sum(axis=1) < self.level + 1e-9)
@@ -77,7 +77,7 @@ class Contact:
         """Minus the forces (V, 3) [N]."""
         r = np.zeros_like(x)
         if len(self.vertex):
-            press, grip, _ = self._pressed(x)
+            press, grip, _ = self._contact_forces(x)
             np.add.at(r, self.vertex, (grip / self.dt)[:, None] * self._slid(x) - press[:, None] * self.normal)
         return r
 
@@ -85,15 +85,15 @@ class Contact:
         """(V, 3, 3) derivative of `force`, with friction over the speed held."""
         blocks = np.zeros((len(x), 3, 3))
         if len(self.vertex):
-            _, grip, on = self._pressed(x)
+            _, grip, on = self._contact_forces(x)
             n = self.normal[:, :, None] * self.normal[:, None, :]
             along = (grip / self.dt)[:, None, None]
             np.add.at(blocks, self.vertex, along * (np.eye(3) - n) + np.where(on, self.stiffness, 0.0)[:, None, None] * n)
         return blocks
 
 
-def touched(contact: Contact, x: np.ndarray) -> np.ndarray:
+def contact_normals(contact: Contact, x: np.ndarray) -> np.ndarray:
     """(V, 3) unit normal of the obstacle that a vertex touches, zero where it touches none."""
-    normal, on = np.zeros_like(x), contact._pressed(x)[2]
+    normal, on = np.zeros_like(x), contact._contact_forces(x)[2]
     normal[contact.vertex[on]] = contact.normal[on]
     return normal

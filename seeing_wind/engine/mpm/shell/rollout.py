@@ -46,13 +46,13 @@ def advance_frame(
             pins = (1.0 - share) * pin_path[frame] + share * pin_path[frame + 1]
         try:
             around = dict(gravity=gravity, frame=frame, load=load)
-            state = _halved(shell, state, dt, pins, around, obstacles, (frame + (substep + 1) / substeps, 1.0 / fps), HALVINGS)
+            state = _advance_in_halves(shell, state, dt, pins, around, obstacles, (frame + (substep + 1) / substeps, 1.0 / fps), HALVINGS)
         except SimulationError as error:
             raise SimulationError(error.message, error.hint, frame=frame, substep=substep, quantity=error.quantity) from error
     return state
 
 
-def _halved(
+def _advance_in_halves(
     shell: Shell, state: State, dt: float, pins: np.ndarray | None, around: dict[str, Any], obstacles: tuple[Obstacle, ...],
     until: tuple[float, float], more: int,
 ) -> State:  # fmt: skip
@@ -68,6 +68,6 @@ def _halved(
     half = 0.5 * dt
     middle = None if pins is None else 0.5 * (state.x[shell.pinned] + pins)
     first = with_past(state.x, state.v, (state.v - state.v_before) / dt, half)
-    first = _halved(shell, first, half, middle, around, obstacles, (until[0] - half / until[1], until[1]), more - 1)
-    second = _halved(shell, first, half, pins, around, obstacles, until, more - 1)
+    first = _advance_in_halves(shell, first, half, middle, around, obstacles, (until[0] - half / until[1], until[1]), more - 1)
+    second = _advance_in_halves(shell, first, half, pins, around, obstacles, until, more - 1)
     return with_past(second.x, second.v, (second.v - second.v_before) / half, dt)

@@ -151,7 +151,7 @@ def _by_rings(surface: Surface, face: int, k: int) -> tuple[np.ndarray, np.ndarr
     seen, ring = {face}, [(face, [place[int(one)] for one in surface.faces[face]])]
     other = int(surface.neighbour[face, k])
     if other != NONE:  # its own vertex must come third
-        ring.append(_unfolded(surface, ring[0], k, place, distance))
+        ring.append(_unfold(surface, ring[0], k, place, distance))
         seen.add(other)
     paired = other != NONE
     for _ in range(FARTHEST):
@@ -161,7 +161,7 @@ def _by_rings(surface: Surface, face: int, k: int) -> tuple[np.ndarray, np.ndarr
                 beyond = int(surface.neighbour[parent[0], side])
                 if beyond != NONE and beyond not in seen:
                     seen.add(beyond)
-                    outer.append(_unfolded(surface, parent, side, place, distance))
+                    outer.append(_unfold(surface, parent, side, place, distance))
         ring = outer
         at = np.array(list(place.values()))[None]
         start = _mean_slope(at[:, : 4 if paired else 3])
@@ -171,7 +171,7 @@ def _by_rings(surface: Surface, face: int, k: int) -> tuple[np.ndarray, np.ndarr
     return np.array(list(place)), weights[0]
 
 
-def _unfolded(surface: Surface, parent, side: int, place: dict, distance):
+def _unfold(surface: Surface, parent, side: int, place: dict, distance):
     """The face across an edge of a face that lies in the plane, laid into the plane; a new vertex gets its place."""
     face, corners = parent
     new = int(surface.opposite[face, side])

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...errors import SimulationError
-from .contact import Contact, touched
+from .contact import Contact, contact_normals
 from .forces import Faces
 from .linear import Factors, Matrix, Unfinished
 from .model import Shell, State
@@ -96,7 +96,7 @@ class _Equations:
         r[s.pinned] = 0.0
         return r, faces
 
-    def balanced(self, x: np.ndarray, r: np.ndarray) -> np.ndarray:
+    def match_momentum(self, x: np.ndarray, r: np.ndarray) -> np.ndarray:
         """The place x (V, 3) of a sheet that nothing touches, moved as a whole so that its momentum is exact: `force` r (V, 3) there sums
         to nothing then. What Newton's method leaves of the equations would else push a stiff sheet by up to `EXACT` of its weight."""
         s = self.shell
@@ -136,10 +136,10 @@ def advance(
     equations, contact = equations_of(shell, state, dt, gravity, frame, load, obstacles)
     x = state.x + dt * state.v
     x[shell.pinned] = state.x[shell.pinned] if pins is None else pins
-    x, effort = _solved(equations, x)
+    x, effort = _newton(equations, x)
     v = (x - equations.coast) / equations.b
     # A blow leaves no smooth past behind: along the normal of what they touch, vertices go on from their new velocity alone.
-    normal = touched(contact, x)
+    normal = contact_normals(contact, x)
     blow = ((v - state.v) * normal).sum(axis=1, keepdims=True) * normal
     return State(x, v, np.where(normal.any(axis=1)[:, None], x - dt * v + 0.5 * dt * (v - state.v - blow), state.x), state.v + blow), effort
 
@@ -159,7 +159,7 @@ def equations_of(
     return _Equations(shell, dt, goal, push, drag, coast, lag, shell.forces.faces(state.x), contact), contact
 
 
-def _solved(equations: _Equations, x: np.ndarray) -> tuple[np.ndarray, Effort]:
+def _newton(equations: _Equations, x: np.ndarray) -> tuple[np.ndarray, Effort]:
     """Newton's method, each iteration as long as the force along it goes down. Factors serve on while its steps are small.
 
     At the place it starts from, straight on, a sheet that turns is stretched by far more than its load stretches it. This tension is
@@ -180,13 +180,13 @@ def _solved(equations: _Equations, x: np.ndarray) -> tuple[np.ndarray, Effort]:
         moved = float(np.abs(way).max())
         x, r, known, whole = _along(equations, x, r, way)
         if moved <= EXACT * fall:
-            return equations.balanced(x, r), Effort(iteration, inner)
+            return equations.match_momentum(x, r), Effort(iteration, inner)
         if moved > FAR * fall or not whole or count > STALE:
             factors = None
         stress = None
     if moved > STRAY * edge:
         raise SimulationError("The shell finds no equilibrium within a substep.", "Take more substeps.", quantity="position")
-    return equations.balanced(x, r), Effort(MOST, inner)
+    return equations.match_momentum(x, r), Effort(MOST, inner)
 
 
 def _way(matrix: Matrix, right: np.ndarray, old: Factors | None) -> tuple[np.ndarray, int, Factors]:

@@ -64,7 +64,7 @@ def surface_of(vertices: np.ndarray, faces: np.ndarray) -> Surface:
     if flat.any():
         message = f"{flat.sum()} faces of the sheet, such as {_first(flat)}, have no area."
         raise UsageError(message, "Dissolve them (Mesh > Clean Up > Degenerate Dissolve).")
-    faces = _turned(faces)
+    faces = _orient(faces)
     neighbour, opposite, edge, edges = _around(faces)
     return Surface(x, faces, neighbour, opposite, area, edge, edges)
 
@@ -103,7 +103,7 @@ def _pairs(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
     return np.stack([order[inner], order[inner + 1]], axis=1), number.reshape(faces.shape), len(count)
 
 
-def _turned(faces: np.ndarray) -> np.ndarray:
+def _orient(faces: np.ndarray) -> np.ndarray:
     """The faces, turned where needed so that each looks the way of its neighbours."""
     pairs, _, _ = _pairs(faces)
     start = _sides(faces)[0].ravel()

@@ -54,7 +54,7 @@ def check_frames(frames: Frames, first_frame: int, progress: Progress) -> None:
         raise ClipError(
             f"The clip begins with {light} black frames.", f"Begin where something is seen: --frames {first_frame + light}:..."
         )
-    cut = _cut(small)
+    cut = _frame_before_cut(small)
     if cut is not None:
         before, after, last = first_frame + cut, first_frame + cut + 1, first_frame + len(frames) - 1
         shots = [f"--frames {begin}:{end}" for begin, end in ((first_frame, before), (after, last)) if end > begin]
@@ -64,7 +64,7 @@ def check_frames(frames: Frames, first_frame: int, progress: Progress) -> None:
         )
 
 
-def _cut(small: np.ndarray) -> int | None:
+def _frame_before_cut(small: np.ndarray) -> int | None:
     """The last frame before a cut in `small` (T+1, h, w), None without one."""
     jump = np.abs(np.diff(small, axis=0)).mean(axis=(1, 2))
     usual = float(np.median(jump)) if len(jump) > 2 else 0.0
@@ -87,7 +87,7 @@ def tell_defects(frames: Frames, masks: Masks, progress: Progress) -> None:
         progress.warn("The object reaches over the edge of the first frame: what lies outside has no mass in the result.")
     elif rim.any():
         progress.warn(f"From {frame_named(int(np.flatnonzero(rim)[0]))} on the object is partly out of view, and fewer points are tracked.")
-    blurred = _blurred(frames, masks, progress)
+    blurred = _blurred_frames(frames, masks, progress)
     if len(blurred):
         progress.warn(
             f"The object is blurred by its motion in {len(blurred)} of {len(frames)} frames, first in {frame_named(blurred[0])}: "
@@ -95,7 +95,7 @@ def tell_defects(frames: Frames, masks: Masks, progress: Progress) -> None:
         )
 
 
-def _blurred(frames: Frames, masks: Masks, progress: Progress) -> np.ndarray:
+def _blurred_frames(frames: Frames, masks: Masks, progress: Progress) -> np.ndarray:
     """Frames in which the object is much less sharp than at its best while it moves fast."""
     sharp, middle = np.full(len(frames), np.nan), np.full((len(frames), 2), np.nan)
     size = float(np.sqrt(max(masks[0].sum(), 1)))

@@ -15,7 +15,7 @@ from ...errors import ClipError, UsageError
 from ...progress import NoProgress, Progress
 from ...records import Doubt
 from .filmed.combing import Combing
-from .filmed.container import said_by
+from .filmed.container import container_doubts
 from .images import check_size, read_image
 from .stored import Frames, StoredFrames
 
@@ -111,7 +111,7 @@ def read_clip(
     _check_count(str(path), len(times), count, first, last)
     assert copies is not None  # at least two frames, as has been checked
     rate, uneven = _rate(str(path), fps, file_fps, np.array(times))
-    doubts = [uneven, combing.doubt(), *([] if is_sequence(str(path)) else said_by(path, rate, told=fps is not None))]
+    doubts = [uneven, combing.doubt(), *([] if is_sequence(str(path)) else container_doubts(path, rate, told=fps is not None))]
     return Clip(
         str(path), copies.frames, rate, first, copies.file, copies.kept, copies.own, tuple(one for one in doubts if one is not None)
     )

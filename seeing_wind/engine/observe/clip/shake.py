@@ -131,7 +131,7 @@ def through(matrix: np.ndarray, xy: np.ndarray) -> np.ndarray:
     return out[..., :2] / out[..., 2:]
 
 
-def steadied(frames: Frames, turns: np.ndarray, camera: Camera, progress: Progress) -> Frames:
+def stabilise(frames: Frames, turns: np.ndarray, camera: Camera, progress: Progress) -> Frames:
     """All frames as the camera of frame 0 would have seen them, (T+1, H, W, 3) uint8."""
 
     def steady(t: int, frame: np.ndarray) -> np.ndarray:

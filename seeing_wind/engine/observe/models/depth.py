@@ -60,7 +60,7 @@ def predict_depth(name: str, frame: np.ndarray, focal: float, progress: Progress
     return depth.astype(np.float32)
 
 
-def normalised(frame: np.ndarray, width: int, height: int, folder: Path, default: Any) -> torch.Tensor:
+def network_input(frame: np.ndarray, width: int, height: int, folder: Path, default: Any) -> torch.Tensor:
     """`frame` (H, W, 3) uint8 as the network wants it: (1, 3, height, width) float32, mean and deviation from the folder or `default`."""
     mean, deviation = default
     place = folder / "preprocessor_config.json"
@@ -75,7 +75,7 @@ def normalised(frame: np.ndarray, width: int, height: int, folder: Path, default
     return torch.from_numpy(((small - np.float32(mean)) / np.float32(deviation)).transpose(2, 0, 1)[None].copy())
 
 
-def _enlarged(values: torch.Tensor, frame: np.ndarray) -> np.ndarray:
+def _upsample(values: torch.Tensor, frame: np.ndarray) -> np.ndarray:
     return cv2.resize(values.float().numpy(), frame.shape[1::-1], interpolation=cv2.INTER_LINEAR)
 
 
@@ -88,13 +88,13 @@ def _depth_anything(folder: Path, config: dict[str, Any], frame: np.ndarray) -> 
     patch, side = int(config.get("patch_size", 14)), int(model.config.backbone_config.image_size)
     scale = side / min(frame.shape[:2])
     width, height = (max(patch, round(length * scale / patch) * patch) for length in frame.shape[1::-1])
-    return _enlarged(model(pixel_values=normalised(frame, width, height, folder, IMAGENET)).predicted_depth[0], frame)
+    return _upsample(model(pixel_values=network_input(frame, width, height, folder, IMAGENET)).predicted_depth[0], frame)
 
 
 def _depth_pro(folder: Path, config: dict[str, Any], frame: np.ndarray, focal: float, progress: Progress) -> np.ndarray:
     model = load(package("transformers", TRANSFORMERS).DepthProForDepthEstimation, folder, "apple/DepthPro-hf")
     side = _depth_pro_side(config)
-    found = model(pixel_values=normalised(frame, side, side, folder, HALF))
+    found = model(pixel_values=network_input(frame, side, side, folder, HALF))
     width = frame.shape[1]
     if found.field_of_view is not None:
         seen = 0.5 * width / np.tan(0.5 * np.radians(float(found.field_of_view.ravel()[0])))
@@ -102,7 +102,7 @@ def _depth_pro(folder: Path, config: dict[str, Any], frame: np.ndarray, focal: f
             angles = [float(np.degrees(2 * np.arctan(0.5 * width / one))) for one in (seen, focal)]
             progress.warn(f"Depth Pro sees a field of view of {angles[0]:.0f} degrees, the camera says {angles[1]:.0f}: check --fov.")
     # The network's output is canonical inverse depth: 1 / depth = output * width / focal (Bochkovskii et al. 2024, Eq. 1).
-    inverse = _enlarged(found.predicted_depth[0], frame) * width / focal
+    inverse = _upsample(found.predicted_depth[0], frame) * width / focal
     return 1.0 / np.clip(inverse, 1e-4, 1e4)
 
 

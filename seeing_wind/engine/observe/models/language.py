@@ -96,7 +96,7 @@ def estimate(endpoint: Endpoint, frame: np.ndarray, mask: np.ndarray, progress: 
         ModelError: the endpoint does not answer, or twice with something that is not wanted.
         Cancelled: while waiting.
     """
-    crop = cut_out(frame, mask)
+    crop = crop_object(frame, mask)
     what = checked(endpoint, WHAT, [frame, crop], check_what, progress)
     return properties(endpoint, what, crop, progress)
 
@@ -110,7 +110,7 @@ def properties(endpoint: Endpoint, what: dict[str, str], crop: np.ndarray, progr
     return Estimate(**what, **numbers)  # type: ignore[arg-type]
 
 
-def cut_out(frame: np.ndarray, mask: np.ndarray) -> np.ndarray:
+def crop_object(frame: np.ndarray, mask: np.ndarray) -> np.ndarray:
     """The part of `frame` (H, W, 3) round the object in `mask` (H, W)."""
     x0, y0, x1, y1 = box_of(mask)
     return frame[rows_columns(box_of(mask, max(8, round(CROP_MARGIN * (max(x1 - x0, y1 - y0) - 1)))))]
@@ -125,13 +125,13 @@ def checked(endpoint: Endpoint, question: str, images: list[np.ndarray], check: 
     for _ in range(ATTEMPTS):
         text = ask(endpoint, question + (AGAIN.replace("REASON", reason) if reason else ""), images, progress)
         try:
-            return check(_parsed(text))
+            return check(_parse(text))
         except ValueError as error:
             reason = str(error)
     raise ModelError(f"{endpoint.name} gives no usable answer: {reason}", "Ask a larger model, or name the material with --material.")
 
 
-def _parsed(text: str) -> Any:
+def _parse(text: str) -> Any:
     fenced = re.fullmatch(r"\s*```(?:json)?\s*(.*?)\s*```\s*", text, re.DOTALL)
     try:
         return parse_json(fenced[1] if fenced else text, constants=False)
@@ -202,7 +202,7 @@ def kept_estimate(take: Take, endpoint: Endpoint, frame: np.ndarray, mask: np.nd
     return found
 
 
-def estimated(take: Take, endpoint: Endpoint, observation: Observation, settings: BuildSettings, progress: Progress) -> BuildSettings:
+def ask_material(take: Take, endpoint: Endpoint, observation: Observation, settings: BuildSettings, progress: Progress) -> BuildSettings:
     """`settings` with the model's numbers for the observed object; numbers that the user gave win.
 
     Where the endpoint does not answer, or answers nonsense, the user is warned and the settings' own material stays.

@@ -13,7 +13,7 @@ import torch
 from ...errors import ModelError, ObjectError
 from ...progress import Progress
 from ..clip.stored import Frames
-from .depth import IMAGENET, TRANSFORMERS, normalised
+from .depth import IMAGENET, TRANSFORMERS, network_input
 from .folders import config_of, find, load, package, quiet
 
 LEAST_SCORE = 0.25
@@ -46,7 +46,7 @@ def find_box(name: str, text: str, frame: np.ndarray, progress: Progress) -> tup
         raise ModelError(f"The tokenizer in {folder} cannot be loaded.", "Copy all files of the model.") from error
     height, width = frame.shape[:2]
     scale = min(SHORT_SIDE / min(height, width), LONG_SIDE / max(height, width))
-    pixels = normalised(frame, round(width * scale), round(height * scale), folder, IMAGENET)
+    pixels = network_input(frame, round(width * scale), round(height * scale), folder, IMAGENET)
     with torch.inference_mode():
         found = model(pixel_values=pixels, **words)
     progress.check()
@@ -81,13 +81,13 @@ class MaskModel:
 
     def in_box(self, frame: np.ndarray, box: tuple[float, float, float, float]) -> np.ndarray:
         """The mask (H, W) bool of the object in `box` (x0 y0 x1 y1 [px]) of `frame` (H, W, 3) uint8 RGB; starts a clip with it."""
-        return self._prompted(frame, np.array(box).reshape(2, 2), [2, 3])
+        return self._prompt(frame, np.array(box).reshape(2, 2), [2, 3])
 
     def at_points(self, frame: np.ndarray, points: np.ndarray) -> np.ndarray:
         """The mask (H, W) bool of the object that `points` (P, 2) [px] of `frame` (H, W, 3) uint8 RGB lie on; starts a clip with it."""
-        return self._prompted(frame, points, [1] * len(points))
+        return self._prompt(frame, points, [1] * len(points))
 
-    def _prompted(self, frame: np.ndarray, points: np.ndarray, labels: list[int]) -> np.ndarray:
+    def _prompt(self, frame: np.ndarray, points: np.ndarray, labels: list[int]) -> np.ndarray:
         """`labels` say what each point is: 1 on the object, 2 and 3 the corners of a box round it."""
         height, width = self._start(frame)
         # Pixel centres are at integers here, at halves in the network's coordinates.
@@ -117,7 +117,7 @@ class MaskModel:
         return height, width
 
     def _next(self, frame: np.ndarray) -> np.ndarray:
-        pixels = normalised(frame, self._side, self._side, self._folder, IMAGENET)[0]
+        pixels = network_input(frame, self._side, self._side, self._folder, IMAGENET)[0]
         with torch.inference_mode():
             found = self._model(self._session, frame=pixels)
         # What was seen lives on in the session's memories; the frame itself, 12 MB each, is not looked at again.

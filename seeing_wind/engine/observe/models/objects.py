@@ -18,7 +18,7 @@ from ...settings.tables import RESERVED
 from ...take import Take
 from ..mask.from_box import mask_in_box
 from .endpoint import LONGEST_SIDE, Endpoint
-from .language import RANGES, Estimate, check_what, checked, cut_out, exact_keys, properties
+from .language import RANGES, Estimate, check_what, checked, crop_object, exact_keys, properties
 
 MOST = 8
 """Objects at most that are asked about."""
@@ -72,8 +72,8 @@ def find_objects(endpoint: Endpoint, frame: np.ndarray, detector: str | None, ma
         except ObjectError as error:
             progress.warn(f"{what['object']}: {error}")
             continue
-        found.append(Found(properties(endpoint, what, cut_out(frame, mask), progress), mask))
-    found = _assigned(found)
+        found.append(Found(properties(endpoint, what, crop_object(frame, mask), progress), mask))
+    found = _assign_pixels(found)
     if not found:
         raise ObjectError(f"{endpoint.name} names no object that stands out in the frame.", "Draw a --box round it with `recover`.")
     return found
@@ -110,7 +110,7 @@ def _mask(
     return mask_in_box(frame, box, None, progress)
 
 
-def _assigned(found: list[Found]) -> list[Found]:
+def _assign_pixels(found: list[Found]) -> list[Found]:
     """Every pixel to one object: where masks overlap, to the smaller one, which lies in front of or on the larger."""
     taken = np.zeros(found[0].mask.shape, bool) if found else np.zeros((0, 0), bool)
     result: dict[int, Found] = {}

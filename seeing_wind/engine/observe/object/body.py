@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...errors import MaterialError
-from ...materials import PLASTIC_LAWS, SHEETS, Material, Sheet, adjusted, find
+from ...materials import PLASTIC_LAWS, SHEETS, Material, Sheet, adjust, find
 from ...progress import Journal, NoProgress, Progress
 from ...records import Attachment, Body, Gaussians, Observation, Particles, Surface
 from ...settings import FLOWING_PARTICLES, PARTICLES, SHEET_VERTICES, BuildSettings
@@ -63,11 +63,11 @@ def build(
     sheet = _sheet(observation, settings, material, progress)
     if sheet is not None:
         return build_sheet(observation, sheet, material.name, settings.particles or SHEET_VERTICES, progress, journal)
-    relief, particles = filled(observation, settings, material, progress)
+    relief, particles = fill_solid(observation, settings, material, progress)
     fine = None if relief.parts is None else too_fine(relief.parts)
     if fine is not None:
         progress.warn(fine)
-    progress.update(0.25, f"{len(particles.x)} particles in a {_named(relief, particles)}, {1000.0 * relief.thickness:.1f} mm thick")
+    progress.update(0.25, f"{len(particles.x)} particles in a {_describe(relief, particles)}, {1000.0 * relief.thickness:.1f} mm thick")
     surface = surface_of(relief, particles.x)
     points, tie_sigma = _key_points(observation, relief, particles, surface, progress)
     keypoints = ride(points, observation.on_centroid, particles)
@@ -94,7 +94,7 @@ def material_of(settings: BuildSettings) -> Material:
     Raises:
         MaterialError: an unknown material or numbers that are not physical.
     """
-    material = adjusted(
+    material = adjust(
         find(settings.material),
         law=settings.law,
         density=settings.density,
@@ -108,7 +108,7 @@ def material_of(settings: BuildSettings) -> Material:
     return dataclasses.replace(material, name=settings.estimated_material, source=f"estimated for {settings.estimated_by}")
 
 
-def filled(observation: Observation, settings: BuildSettings, material: Material, progress: Progress) -> tuple[Relief, Particles]:
+def fill_solid(observation: Observation, settings: BuildSettings, material: Material, progress: Progress) -> tuple[Relief, Particles]:
     """Front and back of a solid in frame 0, and the particles between them. Raises ObjectError as `build`."""
     relief = relief_of(observation, settings.thickness)
     usual = FLOWING_PARTICLES if material.law in PLASTIC_LAWS else PARTICLES
@@ -118,12 +118,12 @@ def filled(observation: Observation, settings: BuildSettings, material: Material
     return relief, fill(relief, count, observation.pin, progress, wider)
 
 
-def unmoved(observation: Observation, settings: BuildSettings) -> tuple[Material, Particles] | None:
+def rest_body(observation: Observation, settings: BuildSettings) -> tuple[Material, Particles] | None:
     """Material and particles of the body that `build` would make, without their motion; None of a thin sheet. Raises as `build`."""
     material = material_of(settings)
     if _sheet(observation, settings, material, NoProgress()) is not None:
         return None
-    return material, filled(observation, settings, material, NoProgress())[1]
+    return material, fill_solid(observation, settings, material, NoProgress())[1]
 
 
 def _sheet(observation: Observation, settings: BuildSettings, material: Material, progress: Progress) -> Sheet | None:
@@ -151,7 +151,7 @@ def _sheet(observation: Observation, settings: BuildSettings, material: Material
     return sheet
 
 
-def _named(relief: Relief, particles: Particles) -> str:
+def _describe(relief: Relief, particles: Particles) -> str:
     """What a body is, in words."""
     if relief.parts is None:
         return relief.kind

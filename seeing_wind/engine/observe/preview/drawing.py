@@ -31,14 +31,14 @@ class Canvas:
         self._xy = (seen.xy + 0.5) * scale - 0.5
         self._width = max(1, round(min(size) / 400))
         held = [(place, color) for place, color in ((seen.pin, HELD), (proposed, PROPOSED)) if place is not None and place.any()]
-        self._held = [(self._resized(place), color) for place, color in held]
+        self._held = [(self._resize(place), color) for place, color in held]
         depth = seen.depth[np.isfinite(seen.depth)]
         self._pixels_per_metre = float(seen.camera.fx * scale[0] / np.median(depth)) if len(depth) else 0.0
 
-    def drawn(self, frame: np.ndarray, t: int) -> np.ndarray:
+    def draw_seen(self, frame: np.ndarray, t: int) -> np.ndarray:
         """`frame` (h, w, 3) uint8 RGB, frame t of the clip, straightened, with all that was seen in it."""
         canvas, width = frame.copy(), self._width
-        _outline(canvas, self._resized(np.asarray(self._seen.masks[t])), OUTLINE, width)
+        _outline(canvas, self._resize(np.asarray(self._seen.masks[t])), OUTLINE, width)
         for held, color in self._held:
             canvas[held] = (0.4 * canvas[held] + 0.6 * np.array(color)).astype(np.uint8)
             _outline(canvas, cv2.dilate(held.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0, color, width)
@@ -51,7 +51,7 @@ class Canvas:
         _scale_bar(canvas, self._pixels_per_metre, width)
         return canvas
 
-    def _resized(self, mask: np.ndarray) -> np.ndarray:
+    def _resize(self, mask: np.ndarray) -> np.ndarray:
         return cv2.resize(mask.astype(np.uint8) * 255, self._shape, interpolation=cv2.INTER_AREA) >= 128
 
 
@@ -62,14 +62,14 @@ def with_verdicts(frame: np.ndarray, verdicts: Sequence[Verdict]) -> np.ndarray:
     lines: list[tuple[str, tuple[int, int, int]]] = []
     for one in verdicts:
         color = TEXT if one.severity == 0.0 else (255, 190, 80) if one.severity < 1.0 else (255, 100, 90)
-        lines += [(part, color) for part in _wrapped(f"{one.item}: {one.verdict}. {one.because} {one.do}".strip(), frame.shape[1], size)]
+        lines += [(part, color) for part in _wrap(f"{one.item}: {one.verdict}. {one.because} {one.do}".strip(), frame.shape[1], size)]
     board = np.full((line * len(lines) + 10, frame.shape[1], 3), 28, np.uint8)
     for row, (text, color) in enumerate(lines):
         cv2.putText(board, text, (8, line * (row + 1) - 6), cv2.FONT_HERSHEY_SIMPLEX, size, color, 1, cv2.LINE_AA)
     return np.vstack([frame, board])
 
 
-def _wrapped(text: str, width: int, size: float) -> list[str]:
+def _wrap(text: str, width: int, size: float) -> list[str]:
     lines = [""]
     for word in text.split():
         longer = f"{lines[-1]} {word}".strip()

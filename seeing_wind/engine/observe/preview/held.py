@@ -35,7 +35,7 @@ def swings(seen: Observation) -> tuple[np.ndarray, np.ndarray]:
     return seen.xy[0, early], np.nanpercentile(away, 90, axis=0) if len(early) else np.zeros(0)
 
 
-def proposed_place(seen: Observation) -> np.ndarray | None:
+def propose_held(seen: Observation) -> np.ndarray | None:
     """The pixels (H, W) bool of frame 0 that seem to be held; None where nothing does, or too little moves to tell.
 
     The object's pixels that it never leaves, where they reach the frame's edge; else those at its still end, where the tracks there

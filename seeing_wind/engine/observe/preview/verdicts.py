@@ -13,7 +13,7 @@ from ...conventions import HELD_PLACE, frame_named
 from ...masks import areas
 from ...records import Observation
 from ...settings import ObserveSettings
-from .held import proposed_place, swings
+from .held import propose_held, swings
 
 FEW_TRACKS = 12
 """Tracks in a frame below which a body's bending cannot be told from their errors."""
@@ -58,7 +58,7 @@ class Verdict:
         return {"verdict": self.verdict, **asdict(self)}
 
 
-def judged(
+def judge(
     seen: Observation, settings: ObserveSettings, proposed: np.ndarray | None, more: Sequence[Verdict] = ()
 ) -> list[Verdict]:
     """All verdicts on `seen`, the worst first, with `more` among them. `proposed` (H, W) bool: where the object seems to be held, None
@@ -78,10 +78,10 @@ def judged(
     return sorted(found, key=lambda one: -one.severity)
 
 
-def doubted(seen: Observation, settings: ObserveSettings) -> list[str]:
+def doubt_remarks(seen: Observation, settings: ObserveSettings) -> list[str]:
     """What is doubtful of `seen`, in sentences, the worst first, as a recovery's notes have it."""
-    proposed = None if seen.pin.any() else proposed_place(seen)
-    found = [one for one in judged(seen, settings, proposed) if one.severity > 0.0]
+    proposed = None if seen.pin.any() else propose_held(seen)
+    found = [one for one in judge(seen, settings, proposed) if one.severity > 0.0]
     return [f"{one.item.capitalize()}: {one.because} {one.do}".strip() for one in found]
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...errors import UsageError
 from ...field.force_field import ForceField
-from ...materials import DEFAULT, SHEET_UNITS, adjusted, find
+from ...materials import DEFAULT, SHEET_UNITS, adjust, find
 from ...records import Body, Material, Particles, Recovery, as_found, body_as_found
 from ...settings import BodyEdit, Edit
 from . import sheets
@@ -149,9 +149,9 @@ def _enter_mesh(body: BodyEdit, vertices: np.ndarray, triangles: np.ndarray, coa
 
 def _overridden(material: Material, body: BodyEdit, particles: Particles) -> Material:
     names = ("law", "density", "youngs_modulus", "poisson_ratio", "yield_stress", "viscosity", "loss_factor")
-    changed = adjusted(material, **{name: getattr(body, name) for name in names})
+    changed = adjust(material, **{name: getattr(body, name) for name in names})
     density = None if body.mass is None else body.mass / float(particles.volume.sum())
-    return adjusted(changed, density=density, youngs_modulus=changed.youngs_modulus * body.youngs_modulus_scale)
+    return adjust(changed, density=density, youngs_modulus=changed.youngs_modulus * body.youngs_modulus_scale)
 
 
 def _free(actor: Actor, path: Path) -> Actor:

@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 from ...errors import UsageError
 from ...mpm.lattice.closed_mesh import is_closed, signed_volume, triangle_areas, weld, winding_numbers
 from ...records import Particles
-from .voxels import Room, enclosed
+from .voxels import Room, enclosed_room
 
 COUNT = 2000
 """Particles per body, roughly, where nothing else is asked."""
@@ -64,7 +64,7 @@ def fill(vertices: np.ndarray, triangles: np.ndarray, *, spacing: float | None =
     parts = connected_parts(sewn, len(vertices))
     closed = np.array([is_closed(sewn[parts == part]) for part in range(parts.max() + 1)])[parts]
     volume = abs(signed_volume(vertices, triangles[closed]))
-    room = None if closed.all() else enclosed(vertices, triangles)
+    room = None if closed.all() else enclosed_room(vertices, triangles)
     walls = _walls(vertices, triangles, area, parts, room) & ~closed
     if room is not None and walls.any():
         volume += room.volume

@@ -89,10 +89,10 @@ class Surroundings:
         """The field's force density (P, 3) [N/m³] and its gradient (P, 3, 3) [N/m⁴] at points (P, 3) [m]; of a wind [m/s] and [1/s]."""
         row = max(frame - self.lead, 0)
         if self.place is None:
-            value, gradient = continued(self.field, points, row, self.reach)
+            value, gradient = extrapolate(self.field, points, row, self.reach)
         else:
             back, turn = np.linalg.inv(self.place[row]), rotation_of(self.place[row, :3, :3])
-            value, gradient = continued(self.field, points @ back[:3, :3].T + back[:3, 3], row, self.reach)
+            value, gradient = extrapolate(self.field, points @ back[:3, :3].T + back[:3, 3], row, self.reach)
             value, gradient = value @ turn.T, turn @ gradient @ back[:3, :3]
         return self.strength[row] * value, self.strength[row] * gradient
 
@@ -114,7 +114,7 @@ class Surroundings:
         return [f"{where}; {ends}"]
 
 
-def continued(field: ForceField, points: np.ndarray, frame: int, reach: Reach = Reach()) -> tuple[np.ndarray, np.ndarray]:
+def extrapolate(field: ForceField, points: np.ndarray, frame: int, reach: Reach = Reach()) -> tuple[np.ndarray, np.ndarray]:
     """Force density (M, 3) [N/m³] and its gradient (M, 3, 3) [N/m⁴] at points (M, 3) [m]; beyond the box what is left of those of its
     nearest place."""
     nearest = np.clip(points, field.box[0], field.box[1])

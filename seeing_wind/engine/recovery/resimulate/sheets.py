@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import UsageError
-from ...materials import DEFAULT, PLASTIC_LAWS, SHEET_UNITS, SHEETS, Sheet, adjusted, find
+from ...materials import DEFAULT, PLASTIC_LAWS, SHEET_UNITS, SHEETS, Sheet, adjust, find
 from ...mpm.lattice.closed_mesh import is_closed, triangle_areas, weld
 from ...mpm.shell import Load, Shell, State, advance_frame, at_rest, obstacles_of, shell_of, substeps_for, surface_of
 from ...progress import Journal, Progress
@@ -19,12 +19,12 @@ from ...records import Body, Recovery
 from ...settings import BodyEdit
 from ..journal import Arrays
 from ..wind.drag import vertex_drag
-from .coarser import Ridden, thinned
+from .coarser import Ridden, coarser_sheet
 from .fill import connected_parts
 from .forces import Push
 from .in_field import Surroundings
 from .pins import SOFT, read_pin_path, read_pins, read_weights
-from .voxels import enclosed
+from .voxels import enclosed_room
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ def is_shell(body: BodyEdit, vertices: np.ndarray, triangles: np.ndarray) -> boo
     else:
         sewn = weld(vertices, triangles)
         parts = connected_parts(sewn, len(vertices))
-        shell = not any(is_closed(sewn[parts == part]) for part in range(parts.max() + 1)) and enclosed(vertices, triangles) is None
+        shell = not any(is_closed(sewn[parts == part]) for part in range(parts.max() + 1)) and enclosed_room(vertices, triangles) is None
     given = [name for name in SHEET_UNITS if getattr(body, name) is not None]
     if given and not shell:
         raise UsageError(
@@ -112,7 +112,7 @@ def enter(
     x, ridden = vertices[first], None
     try:
         surface = surface_of(x, faces)
-        ridden = thinned(x, surface.faces, pinned | (spring > 0.0), coarseness)
+        ridden = coarser_sheet(x, surface.faces, pinned | (spring > 0.0), coarseness)
         if ridden is not None:
             way = None if way is None else way[:, np.isin(np.flatnonzero(pinned), ridden.used)]
             x, faces, pinned, spring = x[ridden.used], ridden.faces, pinned[ridden.used], spring[ridden.used]
@@ -159,7 +159,7 @@ def sheet_of(body: BodyEdit, area: float, filmed: Sheet | None = None) -> Sheet:
     material = find(body.material or DEFAULT) if filmed is None else filmed.as_solid("the recovered object")
     if (body.law or material.law) in PLASTIC_LAWS or body.yield_stress is not None:
         raise UsageError(f"{body.name}: a shell springs back, it has no plastic law.", "Set shell = false, or give an elastic material.")
-    material = adjusted(material, poisson_ratio=body.poisson_ratio, loss_factor=body.loss_factor)
+    material = adjust(material, poisson_ratio=body.poisson_ratio, loss_factor=body.loss_factor)
     own: dict[str, Any] = {name: getattr(body, name) for name in SHEET_UNITS if getattr(body, name) is not None}
     known = SHEETS.get(material.name) if filmed is None else filmed
     missing = [] if known is not None else [name for name in SHEET_UNITS if name not in own]

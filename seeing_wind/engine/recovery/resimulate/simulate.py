@@ -110,7 +110,7 @@ def simulate_bodies(
     for number, group in enumerate(groups):
         try:
             share = (number / len(groups), 1.0 / len(groups))
-            moved = _moved(group, around, edit, progress, share, journal)
+            moved = _move_group(group, around, edit, progress, share, journal)
         except SimulationError as error:
             names = ", ".join(actor.edit.name for actor in group)
             where = {key: getattr(error, key) for key in ("frame", "substep", "particle", "quantity")}
@@ -134,7 +134,7 @@ def _early(one: Actor | sheets.Hanging, lead: int) -> Actor | sheets.Hanging:
     return dataclasses.replace(one, edit=edit, path=path)
 
 
-def _moved(
+def _move_group(
     group: Sequence[Actor | sheets.Hanging], around: Surroundings, edit: Edit, progress: Progress, share: tuple[float, float],
     journal: Journal,
 ) -> list[tuple[Actor | sheets.Hanging, Simulated, np.ndarray]]:  # fmt: skip
@@ -192,7 +192,7 @@ def _move(
         progress.update(begun + share * t / around.frames, f"frame {t + 1} of {around.frames}: {', '.join(a.edit.name for a in actors)}")
         if t in starts:
             model = _model(actors, t, around)[0]
-            state = _released(state, actors, slices, t)
+            state = _release(state, actors, slices, t)
         if t >= min(starts) and field.kind == "wind":
             state = advance_in_wind(model, state, partial(around.value, t), sails, t, partial(further.added, t))
         elif t >= min(starts):
@@ -267,7 +267,7 @@ def _pin_path(actors: Sequence[Actor], particles: Sequence[Particles]) -> np.nda
     return np.concatenate([way[:, one.pinned] for way, one in zip(ways, particles)], axis=1)
 
 
-def _released(state: State, actors: Sequence[Actor], slices: Sequence[slice], frame: int) -> State:
+def _release(state: State, actors: Sequence[Actor], slices: Sequence[slice], frame: int) -> State:
     """The state with the velocity of every body that starts now."""
     v = state.v.copy()
     for actor, part in zip(actors, slices):

@@ -46,7 +46,7 @@ class Room:
         return within & voxels[tuple(np.where(within[:, None], cell, 0).T)]
 
 
-def enclosed(vertices: np.ndarray, triangles: np.ndarray) -> Room | None:
+def enclosed_room(vertices: np.ndarray, triangles: np.ndarray) -> Room | None:
     """What a triangle surface encloses, None for next to nothing.
 
     Args:

@@ -31,7 +31,7 @@ from .first_field import FINELY, FLOWING, USUAL, Pace, follow
 from .forward import Forward
 from .gauss_newton import Linearisation, Solution, cost_of
 from .gauss_newton import solve as gauss_newton
-from .onward import Onward, carried_on
+from .onward import Onward, continue_block
 from .problem import Problem, whitened
 from .stiffness import Joint, Stiffness, shortened, stiffest
 
@@ -83,7 +83,7 @@ class BlockSolver:
 
     def run(self) -> Found:
         """All parts in order; where one iteration is all that is allowed, without the fine one."""
-        carried = carried_on(self, self.before) if self.before is not None else None
+        carried = continue_block(self, self.before) if self.before is not None else None
         if carried is not None:
             forward, prior, found, used = carried
             most, draft = min(max(0, self.iterations - used), USUAL.last_iterations), False
@@ -102,7 +102,7 @@ class BlockSolver:
     def _from_the_start(self) -> tuple[Forward, Prior, Solution, int, int, bool]:
         """Forward model, prior and solution of a block that knows nothing beforehand, the Jacobians used and those left to the last
         solve, and whether there were none for the fine one."""
-        pace, forward, prior, found, used = self._followed()
+        pace, forward, prior, found, used = self._coarse_solution()
         left = max(0, self.iterations - found.iterations)
         rounds = min(left, PACE.stiffness_coarse_rounds)
         forward, found, more = self._with_stiffness(forward, prior, found, rounds, 0.45, PACE.coarse_tolerance)
@@ -123,7 +123,7 @@ class BlockSolver:
                 wild |= one.wild[self.objective.first + 1 :][: len(wild)]
         return wild
 
-    def _followed(self) -> tuple[Pace, Forward, Prior, Solution, int]:
+    def _coarse_solution(self) -> tuple[Pace, Forward, Prior, Solution, int]:
         """A coarse solution of the whole block, found at the usual pace, or finely where that one strays and finely it does less.
 
         Returns the pace, forward model, prior, solution, and the Jacobians used.

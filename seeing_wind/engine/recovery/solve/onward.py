@@ -31,7 +31,7 @@ class Onward:
     """(overlap, modes, 3) of the force in the frames that the next block solves again [m/s²]."""
 
 
-def carried_on(solver: Solver, before: Onward) -> tuple[Forward, Prior, Solution, int] | None:
+def continue_block(solver: Solver, before: Onward) -> tuple[Forward, Prior, Solution, int] | None:
     """Forward model, prior, solution with the modes of the block before, or more, and the Jacobians used; None where the body strays so.
 
     The force of the last frame that was solved is held to the block's end, as the first guess. Takes two Jacobians: one there, and one

@@ -49,7 +49,7 @@ class ClampMotion:
         """How far it turns at most [degrees]."""
         return float(np.degrees(np.linalg.norm(self.turn(np.arange(self.frames)), axis=1).max()))
 
-    def stilled(self, targets: PointTargets) -> PointTargets:
+    def in_clamp_frame(self, targets: PointTargets) -> PointTargets:
         """The points as seen from the clamp. Their covariance is taken as it is: it is the mean over the clip."""
         shift, turn = self._at(np.arange(self.frames))
         return replace(targets, x=np.einsum("tji,tkj->tki", turn, targets.x - self.centre - shift[:, None]) + self.centre)

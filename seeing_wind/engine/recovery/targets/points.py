@@ -137,7 +137,7 @@ def point_channels(particles: Particles, targets: PointTargets, plastic: bool) -
     inverse = _inverse(modes, weight)
     frame, sigma = np.eye(3), np.full(3 * modes.shape[1], (targets.sigma or 0.0) / np.sqrt(count))
     if targets.covariance is not None:
-        frame, sigma = _propagated(targets.covariance, inverse)
+        frame, sigma = _propagate(targets.covariance, inverse)
     elif curve is not None:
         frame = np.linalg.svd(curve.axis[None])[2].T
     moved, turned = (observed - observed[0]) @ frame, frame.T @ rotations(targets.x, targets.visible) @ frame
@@ -220,7 +220,7 @@ def _inverse(modes: np.ndarray, weight: np.ndarray) -> np.ndarray:
     return np.linalg.pinv(weight[:, None] * modes, rcond=1e-3) * weight
 
 
-def _propagated(covariance: np.ndarray, inverse: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _propagate(covariance: np.ndarray, inverse: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Errors of amplitudes = inverse (M, K) points, from the points' covariance (K, 3, 3) [m²].
 
     Returns:

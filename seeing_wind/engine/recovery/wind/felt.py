@@ -108,7 +108,7 @@ class Felt:
         return np.einsum("ek,tki->tei", self.phi, wind) - self.velocity
 
 
-def felt_by(
+def felt_force(
     recovery: Recovery, particles: Particles, density: float, surface: BodySurface, basis: SpatialBasis, fps: float, law: DragLaw = AIR
 ) -> Felt:
     """What the recovered force did to the body.

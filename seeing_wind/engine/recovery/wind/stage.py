@@ -18,7 +18,7 @@ from ..journal import TakeJournal
 from ..prior.basis import SpatialBasis, spatial_basis
 from .drag import AIR
 from .estimate import Estimate, force_problem, places_of, solved, spacing_of, wind_of
-from .felt import Felt, felt_by
+from .felt import Felt, felt_force
 from .surface import BodySurface, mesh_surface, particle_surface
 from .verdict import figures, objection, sentence
 
@@ -145,7 +145,7 @@ def felt_in(
     mass = material.density * particles.volume * ~particles.pinned
     basis = spatial_basis(particles.x, mass, MODES).up_to(DEGREE)
     still = still_frames(solving, len(recovery.force_density))
-    return felt_by(recovery, particles, material.density, surface_of(body, particles), basis, fps, AIR).without(still), basis, still
+    return felt_force(recovery, particles, material.density, surface_of(body, particles), basis, fps, AIR).without(still), basis, still
 
 
 def _force_evidence(felt: Felt, basis: SpatialBasis, path: np.ndarray, progress: Progress) -> float:

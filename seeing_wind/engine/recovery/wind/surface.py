@@ -92,11 +92,11 @@ def particle_surface(particles: Particles) -> BodySurface:
     np.add.at(total, 6 * owner + way, face @ axes.T)
     kept = np.flatnonzero(np.linalg.norm(total, axis=1) > SMALLEST * spacing**2)
     index = (kept // 6)[:, None].astype(np.int32)
-    pieces = _levelled(x[index[:, 0]] / spacing, kept % 6, total[kept])
+    pieces = _level(x[index[:, 0]] / spacing, kept % 6, total[kept])
     return BodySurface(Attachment(index, np.ones((len(kept), 1))), pieces, closed=True)
 
 
-def _levelled(at: np.ndarray, way: np.ndarray, area: np.ndarray) -> np.ndarray:
+def _level(at: np.ndarray, way: np.ndarray, area: np.ndarray) -> np.ndarray:
     """Area normals (E, 3), each shared out among the pieces near it, `at` (E, 3) [spacings], that face the same way.
 
     A slope of a lattice has terraces a particle high, which would feel the wind each by itself.

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from seeing_wind.engine.observe.clip.filmed.container import said_by
+from seeing_wind.engine.observe.clip.filmed.container import container_doubts
 from seeing_wind.engine.observe.clip.frames import read_clip
 
 
@@ -65,7 +65,7 @@ def test_a_rate_of_240_is_read(tmp_path: Path) -> None:
 def test_a_high_dynamic_range_is_named(tmp_path: Path, transfer: int, name: str) -> None:
     color = box(b"colr", b"nclx" + struct.pack(">HHHB", 9, transfer, 9, 0))
     (tmp_path / "hdr.mp4").write_bytes(with_box(filmed(tmp_path / "a.mp4"), color))
-    told = [str(one) for one in said_by(tmp_path / "hdr.mp4", 30.0, told=False)]
+    told = [str(one) for one in container_doubts(tmp_path / "hdr.mp4", 30.0, told=False)]
     assert [name in one and "high dynamic range" in one for one in told] == [True] * bool(name)
     if name == "PQ":  # to read such a clip takes OpenCV seconds
         assert doubts(tmp_path / "hdr.mp4") == told
@@ -74,7 +74,7 @@ def test_a_high_dynamic_range_is_named(tmp_path: Path, transfer: int, name: str)
 @pytest.mark.parametrize("content", [b"", b"\0\0\0\1moov", b"\0\0\0\3moov", b"\xff\xff\xff\xffmoov" + bytes(20)])
 def test_an_index_that_is_damaged_says_nothing(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "cut.mp4").write_bytes(content)
-    assert said_by(tmp_path / "cut.mp4", 30.0, told=False) == []
+    assert container_doubts(tmp_path / "cut.mp4", 30.0, told=False) == []
 
 
 def test_sixteen_bits_are_read_as_eight(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ import pytest
 
 from seeing_wind.engine.errors import ModelError, UsageError
 from seeing_wind.engine.observe.models.endpoint import KEY_VARIABLE, LONGEST_SIDE, ask, endpoint_of
-from seeing_wind.engine.observe.models.language import FILE, check_properties, cut_out, estimate, estimated, kept_estimate
+from seeing_wind.engine.observe.models.language import FILE, ask_material, check_properties, crop_object, estimate, kept_estimate
 from seeing_wind.engine.progress import Cancelled, NoProgress, Progress
 from seeing_wind.engine.settings import BuildSettings
 from seeing_wind.engine.take import Take
@@ -28,7 +28,7 @@ MASK[20:40, 30:50] = True
 
 @dataclasses.dataclass
 class Seen:
-    """What `estimated` needs of an observation."""
+    """What `ask_material` needs of an observation."""
 
     image: np.ndarray
     masks: np.ndarray
@@ -41,7 +41,7 @@ def test_first_the_type_then_the_properties_of_that_type(server) -> None:
     assert len(server.images(0)) == 2 and len(server.images(1)) == 1, "frame and crop, then the crop"
     assert "balloon" in server.question(1) and "latex" in server.question(1) and "balloon" not in server.question(0)
     crop = cv2.imdecode(np.frombuffer(base64.b64decode(server.images(1)[0].split(",")[1]), np.uint8), cv2.IMREAD_COLOR)
-    assert crop.shape == cut_out(FRAME, MASK).shape and crop.shape[0] < 60
+    assert crop.shape == crop_object(FRAME, MASK).shape and crop.shape[0] < 60
 
 
 @pytest.mark.parametrize(
@@ -128,7 +128,7 @@ def test_damaged_or_forged_kept_answers_are_asked_again(server, tmp_path: Path, 
 def test_estimates_fill_what_the_user_left_open(server, tmp_path: Path) -> None:
     server.answers = [WHAT, NUMBERS]
     seen = Seen(FRAME, MASK[None])
-    settings = estimated(Take(tmp_path), endpoint_of(server.url, "any"), seen, BuildSettings(density=500.0), NoProgress())  # type: ignore[arg-type]
+    settings = ask_material(Take(tmp_path), endpoint_of(server.url, "any"), seen, BuildSettings(density=500.0), NoProgress())  # type: ignore[arg-type]
     assert (settings.density, settings.youngs_modulus, settings.law, settings.estimated_material) == (500.0, 1.2e6, "neo_hookean", "latex")
     assert settings.estimated_by == "balloon, by any at 127.0.0.1"
 
@@ -138,7 +138,7 @@ def test_an_unreachable_endpoint_is_a_warning_and_the_fallback(server, tmp_path:
     server.close()
     told: list[dict] = []
     settings = BuildSettings(material="cotton")
-    assert estimated(Take(tmp_path), endpoint, Seen(FRAME, MASK[None]), settings, Progress(told.append)) == settings  # type: ignore[arg-type]
+    assert ask_material(Take(tmp_path), endpoint, Seen(FRAME, MASK[None]), settings, Progress(told.append)) == settings  # type: ignore[arg-type]
     warning = [message["message"] for message in told if message["type"] == "warning"]
     assert len(warning) == 1 and "does not answer" in warning[0] and "cotton" in warning[0]
 

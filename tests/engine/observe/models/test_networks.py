@@ -20,7 +20,7 @@ from safetensors.torch import load_file, save_file  # noqa: E402
 
 from seeing_wind.engine.errors import MissingPackage, ModelError, ObjectError  # noqa: E402
 from seeing_wind.engine.field.torch_threads import one_torch_thread  # noqa: E402
-from seeing_wind.engine.observe.models.depth import normalised, predict_depth  # noqa: E402
+from seeing_wind.engine.observe.models.depth import network_input, predict_depth  # noqa: E402
 from seeing_wind.engine.observe.models.masks import MaskModel, find_box  # noqa: E402
 from seeing_wind.engine.observe.models.points import LEAST_SIGMA, UNKNOWN_SIGMA, follow_points, noise  # noqa: E402
 from seeing_wind.engine.progress import NoProgress, Progress  # noqa: E402
@@ -74,10 +74,10 @@ def test_incomplete_weights_are_an_error_not_random_numbers(folders: Path) -> No
 
 def test_frames_are_normalised_as_the_folder_says(tmp_path: Path) -> None:
     white = np.full((10, 20, 3), 255, np.uint8)
-    pixels = normalised(white, 8, 4, tmp_path, ((0.5, 0.5, 0.5), (0.25, 0.25, 0.25)))
+    pixels = network_input(white, 8, 4, tmp_path, ((0.5, 0.5, 0.5), (0.25, 0.25, 0.25)))
     assert pixels.shape == (1, 3, 4, 8) and torch.allclose(pixels, torch.tensor(2.0))
     (tmp_path / "preprocessor_config.json").write_text(json.dumps({"image_mean": [0.0, 0.0, 0.0], "image_std": [0.1, 0.1, 0.1]}))
-    assert torch.allclose(normalised(white, 8, 4, tmp_path, ((0,) * 3, (1,) * 3)), torch.tensor(10.0))
+    assert torch.allclose(network_input(white, 8, 4, tmp_path, ((0,) * 3, (1,) * 3)), torch.tensor(10.0))
 
 
 def test_words_give_a_box_inside_the_frame(folders: Path, monkeypatch: pytest.MonkeyPatch) -> None:

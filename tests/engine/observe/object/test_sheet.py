@@ -13,7 +13,7 @@ from seeing_wind.engine.masks import Masks
 from seeing_wind.engine.observe.object.motion.lifting import Sight
 from seeing_wind.engine.observe.object.sheet import follow as following
 from seeing_wind.engine.observe.object.sheet.follow import follow
-from seeing_wind.engine.observe.object.sheet.mesh import SheetMesh, laid_flat
+from seeing_wind.engine.observe.object.sheet.mesh import SheetMesh, flatten_mesh
 from seeing_wind.engine.observe.object.sheet.riding import ride_flat
 from seeing_wind.engine.observe.object.sheet.template import CURVED, Template, hinges_of
 from seeing_wind.engine.progress import NoProgress, Progress
@@ -59,7 +59,7 @@ def camera(side: tuple[float, float, float]) -> Camera:
 def sheet() -> SheetMesh:
     flat, faces = grid()
     x = rolled(flat, 0)
-    return SheetMesh(x, faces, camera((-0.4, -1.0, 0.2)).project(x)[0], laid_flat(x, faces), flat[:, 0] < 1e-9)
+    return SheetMesh(x, faces, camera((-0.4, -1.0, 0.2)).project(x)[0], flatten_mesh(x, faces), flat[:, 0] < 1e-9)
 
 
 def truth() -> np.ndarray:
@@ -96,7 +96,7 @@ def test_points_ride_on_every_quadratic_surface():
 
 def test_a_rolled_sheet_laid_flat_has_its_lengths():
     flat, faces = grid()
-    again = laid_flat(rolled(flat, 5.0), faces)
+    again = flatten_mesh(rolled(flat, 5.0), faces)
     apart = np.linalg.norm(flat[:, None] - flat, axis=-1)
     np.testing.assert_allclose(np.linalg.norm(again[:, None] - again, axis=-1), apart, atol=0.005 * WIDTH)
 

@@ -15,8 +15,8 @@ from scenes import Scene
 from seeing_wind.engine.command.arguments import parser
 from seeing_wind.engine.command.observe import observe
 from seeing_wind.engine.observe.preview.drawing import Canvas
-from seeing_wind.engine.observe.preview.held import proposed_place
-from seeing_wind.engine.observe.preview.verdicts import Verdict, doubted, judged
+from seeing_wind.engine.observe.preview.held import propose_held
+from seeing_wind.engine.observe.preview.verdicts import Verdict, doubt_remarks, judge
 from seeing_wind.engine.progress import NoProgress
 from seeing_wind.engine.record_arrays import from_arrays, to_arrays
 from seeing_wind.engine.records import Doubt, Doubts, Observation
@@ -30,7 +30,7 @@ GIVEN = ObserveSettings(distance=1.5)
 
 def verdict(seen: Observation, item: str, settings: ObserveSettings = GIVEN) -> Verdict:
     """One verdict on `seen`."""
-    return next(one for one in judged(seen, settings, proposed_place(seen)) if one.item == item)
+    return next(one for one in judge(seen, settings, propose_held(seen)) if one.item == item)
 
 
 def swaying(seen: Observation) -> Observation:
@@ -50,12 +50,12 @@ def swaying(seen: Observation) -> Observation:
 
 
 def test_a_good_clip_is_called_good(disc: Scene, disc_seen: Observation) -> None:
-    found = judged(disc_seen, dataclasses.replace(GIVEN, box=tuple(np.add(disc.box, (-6, -6, 6, 6)))), proposed_place(disc_seen))
+    found = judge(disc_seen, dataclasses.replace(GIVEN, box=tuple(np.add(disc.box, (-6, -6, 6, 6)))), propose_held(disc_seen))
     assert {one.item for one in found if one.severity > 0.0} <= {"blur"}
 
 
 def test_the_worst_comes_first(disc_seen: Observation) -> None:
-    found = judged(disc_seen, ObserveSettings(), proposed_place(disc_seen))
+    found = judge(disc_seen, ObserveSettings(), propose_held(disc_seen))
     assert [one.severity for one in found] == sorted((one.severity for one in found), reverse=True)
     assert found[0].verdict == "doubtful" and found[0].do
 
@@ -126,7 +126,7 @@ def test_no_scale(disc_seen: Observation) -> None:
 
 def test_a_held_foot_is_proposed(disc_seen: Observation) -> None:
     seen = swaying(disc_seen)
-    place = proposed_place(seen)
+    place = propose_held(seen)
     assert place is not None
     rows, columns = np.nonzero(place)
     assert rows.min() > 0.9 * seen.masks.height and abs(columns.mean() - 100) < 4
@@ -136,7 +136,7 @@ def test_a_held_foot_is_proposed(disc_seen: Observation) -> None:
 
 
 def test_a_free_thing_is_not_held(disc_seen: Observation) -> None:
-    assert proposed_place(disc_seen) is None
+    assert propose_held(disc_seen) is None
 
 
 @pytest.fixture(scope="module")
@@ -180,7 +180,7 @@ def test_the_verb_leaves_image_film_and_verdicts(disc: Scene, shown: tuple[Path,
 def test_the_film_shows_the_outline_at_its_own_size(disc: Scene, disc_seen: Observation) -> None:
     size = (disc.frames.shape[1] // 2, disc.frames.shape[2] // 2)
     small = cv2.resize(disc.frames[7], size[::-1], interpolation=cv2.INTER_AREA)
-    over = Canvas(dataclasses.replace(disc_seen, visible=np.zeros_like(disc_seen.visible)), None, size).drawn(small, 7)
+    over = Canvas(dataclasses.replace(disc_seen, visible=np.zeros_like(disc_seen.visible)), None, size).draw_seen(small, 7)
     red, level, blue = np.moveaxis(over.astype(int), 2, 0)
     rows, columns = np.nonzero((level > red + 90) & (level > blue + 90) & (over != small).any(axis=2))
     middle, radius = (disc.centers[7] + 0.5) / 2 - 0.5, 17.0
@@ -240,8 +240,8 @@ def test_what_grows_moves_along_the_view(disc_seen: Observation) -> None:
 def test_doubts_of_the_clip_are_in_the_same_list_and_in_a_recovery_s_notes(disc_seen: Observation) -> None:
     doubts = Doubts.of([Doubt(0.3, "It is pale.", "Convert it."), Doubt(1.5, "It is slow motion.", "Give --fps 240.")])
     kept = from_arrays(Observation, to_arrays(dataclasses.replace(disc_seen, doubts=doubts)))
-    found = [one for one in judged(kept, GIVEN, None) if one.item == "clip"]
+    found = [one for one in judge(kept, GIVEN, None) if one.item == "clip"]
     assert [(one.severity, one.because, one.do) for one in found] == [
         (1.5, "It is slow motion.", "Give --fps 240."), (0.3, "It is pale.", "Convert it.")
     ]  # fmt: skip
-    assert doubted(kept, GIVEN)[0] == "Clip: It is slow motion. Give --fps 240."
+    assert doubt_remarks(kept, GIVEN)[0] == "Clip: It is slow motion. Give --fps 240."

@@ -9,7 +9,7 @@ import pytest
 
 from seeing_wind.engine.mpm.shell import substeps_for, surface_of
 from seeing_wind.engine.recovery.resimulate import simulate
-from seeing_wind.engine.recovery.resimulate.coarser import fill_coarser, thinned
+from seeing_wind.engine.recovery.resimulate.coarser import coarser_sheet, fill_coarser
 from seeing_wind.engine.recovery.resimulate.coarser.solid import ALIKE
 from seeing_wind.engine.settings import BodyEdit
 from tests.engine.recovery.resimulate.edits import FPS, FRAMES, SOFT, run, waves
@@ -128,13 +128,13 @@ def test_a_thinned_sheet_is_still_one(folder):
         x, held = shape["vertices"].copy(), np.load(folder / "sheet.npy")
         x[:, 2] = bent * np.sin(12.0 * x[:, 0])
         full = surface_of(x, shape["triangles"])
-        ridden = thinned(x, full.faces, np.isin(np.arange(len(x)), held), 2.0)
+        ridden = coarser_sheet(x, full.faces, np.isin(np.arange(len(x)), held), 2.0)
         left = surface_of(x[ridden.used], ridden.faces)
         assert len(left.x) < 0.33 * len(x) and left.area.sum() == pytest.approx(full.area.sum(), rel=0.01)
         assert {*np.flatnonzero((np.abs(x[:, 1]) > 0.199) & ((x[:, 0] < 1e-9) | (x[:, 0] > 0.399)))} <= {*ridden.used}, "its corners"
         turn = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]])
         np.testing.assert_allclose(ridden.follow(left.x[None] @ turn.T + 3.0)[0], x @ turn.T + 3.0, atol=1e-6)
-    assert thinned(x[:40], shape["triangles"][:1], np.zeros(40, bool), 2.0) is None, "it has few vertices as it is"
+    assert coarser_sheet(x[:40], shape["triangles"][:1], np.zeros(40, bool), 2.0) is None, "it has few vertices as it is"
 
 
 def test_only_the_frames_that_are_asked_for(folder):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.errors import UsageError
-from seeing_wind.engine.recovery.resimulate.in_field import Reach, Surroundings, continued, rotation_of
+from seeing_wind.engine.recovery.resimulate.in_field import Reach, Surroundings, extrapolate, rotation_of
 from seeing_wind.engine.settings import BodyEdit
 from tests.engine.recovery.resimulate.edits import FPS, FRAMES, SOFT, WEIGHTLESS, run, uniform, waves
 
@@ -52,7 +52,7 @@ def test_a_place_in_a_moved_field_feels_what_was_there_before():
     field, points = waves(), np.random.default_rng(0).uniform(-0.8, 0.8, (20, 3))
     place = matrices(2.0 * QUARTER, (0.3, -1.0, 0.2))
     force, gradient = around(field, place, strength=1.5).felt(points @ place[0, :3, :3].T + place[0, :3, 3], 2)
-    there, slope = continued(field, points, 2)
+    there, slope = extrapolate(field, points, 2)
     np.testing.assert_allclose(force, 1.5 * there @ QUARTER.T, atol=1e-9)
     np.testing.assert_allclose(gradient, 1.5 * QUARTER @ slope @ QUARTER.T / 2.0, atol=1e-9)
 

@@ -14,7 +14,7 @@ from seeing_wind.engine.progress import Cancelled, Journal, NoProgress, Progress
 from seeing_wind.engine.recovery import journal as journals
 from seeing_wind.engine.recovery.journal import TakeJournal
 from seeing_wind.engine.recovery.resimulate import simulate_bodies
-from seeing_wind.engine.recovery.resimulate.in_field import continued
+from seeing_wind.engine.recovery.resimulate.in_field import extrapolate
 from seeing_wind.engine.settings import BodyEdit, ColliderEdit, Edit
 from seeing_wind.engine.take import Take
 from tests.engine.recovery.resimulate.edits import BOX, FPS, FRAMES, SOFT, WEIGHTLESS, run, uniform, waves
@@ -160,7 +160,7 @@ def test_pins_and_colliders_go_their_way_once_in_a_wind_too(folder):
 def test_beyond_its_box_the_field_goes_on_from_the_edge():
     field = waves()
     points = np.array([[0.5, 0.0, 0.0], [1.5, 0.2, 0.0]])
-    force, gradient = continued(field, points, 0)
+    force, gradient = extrapolate(field, points, 0)
     np.testing.assert_allclose(force[1], field.sample(np.array([[1.0, 0.2, 0.0]]), 0)[0][0])
     assert np.abs(gradient[0, :, 0]).max() > 0.0
     np.testing.assert_array_equal(gradient[1, :, 0], 0.0)

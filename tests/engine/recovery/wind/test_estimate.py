@@ -10,7 +10,7 @@ import pytest
 from seeing_wind.engine.recovery.prior.basis import spatial_basis
 from seeing_wind.engine.recovery.wind.drag import AIR
 from seeing_wind.engine.recovery.wind.estimate import force_problem, places_of, solved, wind_of
-from seeing_wind.engine.recovery.wind.felt import felt_by
+from seeing_wind.engine.recovery.wind.felt import felt_force
 from seeing_wind.engine.recovery.wind.surface import particle_surface
 from tests.engine.recovery.wind.blown_plate import DENSITY, FPS, SPEED
 
@@ -19,7 +19,7 @@ from tests.engine.recovery.wind.blown_plate import DENSITY, FPS, SPEED
 def found(blown):
     recovery, particles, _ = blown
     basis = spatial_basis(particles.x, particles.volume, 16).up_to(1)
-    felt = felt_by(recovery, particles, DENSITY, particle_surface(particles), basis, FPS)
+    felt = felt_force(recovery, particles, DENSITY, particle_surface(particles), basis, FPS)
     return felt, basis, wind_of(felt, basis, recovery.x)
 
 
@@ -42,7 +42,7 @@ def test_a_component_of_the_force_that_is_hardly_known_is_a_datum_that_counts_fo
     recovery, particles, _ = blown
     deviation = recovery.deviation * [1.0, 10.0, 1.0]
     basis = spatial_basis(particles.x, particles.volume, 16).up_to(1)
-    felt = felt_by(replace(recovery, deviation=deviation), particles, DENSITY, particle_surface(particles), basis, FPS)
+    felt = felt_force(replace(recovery, deviation=deviation), particles, DENSITY, particle_surface(particles), basis, FPS)
     net = felt.deviation[:, :3]
     np.testing.assert_allclose(net[:, 1], 10.0 * net[:, 0])
     np.testing.assert_allclose(net[:, 2], net[:, 0])
@@ -72,12 +72,12 @@ def test_what_only_stretches_the_body_is_no_observation(blown):
     squeeze = np.zeros_like(recovery.force_density)
     squeeze[..., 0] = -500.0 * particles.x[:, 0]
     surface = particle_surface(particles)
-    plain = felt_by(recovery, particles, DENSITY, surface, basis, FPS)
-    squeezed = felt_by(replace(recovery, force_density=recovery.force_density + squeeze), particles, DENSITY, surface, basis, FPS)
+    plain = felt_force(recovery, particles, DENSITY, surface, basis, FPS)
+    squeezed = felt_force(replace(recovery, force_density=recovery.force_density + squeeze), particles, DENSITY, surface, basis, FPS)
     np.testing.assert_allclose(squeezed.measured, plain.measured, atol=1e-9)
     turning = np.zeros_like(recovery.force_density)
     turning[..., 2] = 500.0 * particles.x[:, 0]
-    turned = felt_by(replace(recovery, force_density=recovery.force_density + turning), particles, DENSITY, surface, basis, FPS, AIR)
+    turned = felt_force(replace(recovery, force_density=recovery.force_density + turning), particles, DENSITY, surface, basis, FPS, AIR)
     assert np.abs(turned.measured[:, 3:]).max() > 0.5
 
 

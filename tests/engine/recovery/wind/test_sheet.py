@@ -19,7 +19,7 @@ from seeing_wind.engine.recovery.prior.basis import hats, spatial_basis
 from seeing_wind.engine.recovery.wind.sheet.air import Air, Push
 from seeing_wind.engine.recovery.wind.sheet.balance import balance_of
 from seeing_wind.engine.recovery.wind.sheet.estimate import BREEZE, field_of, follower_of
-from seeing_wind.engine.recovery.wind.sheet.observed import observed
+from seeing_wind.engine.recovery.wind.sheet.observed import observe_sheet
 from seeing_wind.engine.recovery.wind.sheet.problem import SheetProblem, factor_of
 from seeing_wind.engine.recovery.wind.sheet.tension import Tension
 from tests.engine.recovery.wind.blown_sheet import FPS, FRAMES, GRAVITY, blown, mesh
@@ -34,7 +34,7 @@ def file(tmp_path_factory):
 
 def followed(path, cause=Air):
     source, gravity, _ = read_sheet(path)
-    seen = observed(source.x, source.faces, source.fixed, source.fps, 0.0)
+    seen = observe_sheet(source.x, source.faces, source.fixed, source.fps, 0.0)
     shell = shell_of(seen.rest, source.faces, source.sheet, pinned=source.fixed)
     return follower_of(shell, replace(seen, faces=shell.surface.faces), gravity, cause(shell))
 
@@ -129,18 +129,18 @@ def test_a_flat_sheet_stays_flat_at_rest_under_noise_and_a_bent_one_bent():
     x, faces = mesh()
     fixed = x[:, 0] < 1e-9
     noise = 5e-4 * np.random.default_rng(1).normal(size=(6, *x.shape))
-    seen = observed(x + noise, faces, fixed, FPS, 5e-4)
+    seen = observe_sheet(x + noise, faces, fixed, FPS, 5e-4)
     assert np.linalg.svd(seen.rest - seen.rest.mean(axis=0))[1][2] < 1e-9
     assert np.ptp(seen.pins, axis=0).max() == 0.0
     bent = x + np.array([0.0, 1.0, 0.0]) * (x[:, :1] ** 2)
-    np.testing.assert_array_equal(observed(bent + 0.0 * noise, faces, fixed, FPS, 0.0).rest, bent)
+    np.testing.assert_array_equal(observe_sheet(bent + 0.0 * noise, faces, fixed, FPS, 0.0).rest, bent)
 
 
 def test_what_is_held_may_move():
     x, faces = mesh()
     fixed = x[:, 0] < 1e-9
     path = x + 0.01 * np.arange(8)[:, None, None] ** 2 * [0.0, 1.0, 0.0]
-    seen = observed(path, faces, fixed, FPS, 0.0)
+    seen = observe_sheet(path, faces, fixed, FPS, 0.0)
     np.testing.assert_allclose(seen.pins, path[:, fixed], atol=1e-12)
 
 

@@ -18,7 +18,7 @@ from seeing_wind.engine.progress import NoProgress
 from seeing_wind.engine.records import Outcome, Recovery
 from seeing_wind.engine.recovery.prior.basis import spatial_basis
 from seeing_wind.engine.recovery.wind.estimate import wind_of
-from seeing_wind.engine.recovery.wind.felt import felt_by
+from seeing_wind.engine.recovery.wind.felt import felt_force
 from seeing_wind.engine.recovery.wind.surface import particle_surface
 from seeing_wind.engine.recovery.wind.together import FeltTogether, basis_together
 from tests.engine.recovery.wind.blown_plate import DENSITY, FPS, plate_particles
@@ -54,7 +54,7 @@ def blown(seed: int, centre: tuple[float, float, float], normal_to: np.ndarray):
         Outcome.CONVERGED, density, deviation, path, still, np.zeros_like(particles.x), np.zeros(FRAMES + 1), "m", 1, 1.0
     )
     basis = spatial_basis(particles.x, particles.volume, 16).up_to(1)
-    return felt_by(recovery, particles, DENSITY, particle_surface(particles), basis, FPS), basis, particles, path
+    return felt_force(recovery, particles, DENSITY, particle_surface(particles), basis, FPS), basis, particles, path
 
 
 def off(velocity: np.ndarray) -> float:

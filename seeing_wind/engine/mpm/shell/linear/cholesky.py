@@ -14,7 +14,7 @@ from ...compiler.settings import contracted
 from ...kernels.native import aligned, aligned_zeros
 from ..compiled import launcher
 from . import front_kernels, solve_kernels
-from .dissection import dissected
+from .dissection import nested_dissection
 from .fronts import Fronts
 
 
@@ -29,7 +29,7 @@ class BlockCholesky:
     """
 
     def __init__(self, pattern: csr_array, places: np.ndarray) -> None:
-        groups, tree = dissected(pattern, places)
+        groups, tree = nested_dissection(pattern, places)
         self.order = np.concatenate(groups)
         self._rank = np.empty(len(places), dtype=np.int64)
         self._rank[self.order] = np.arange(len(places))

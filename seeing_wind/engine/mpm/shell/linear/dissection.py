@@ -13,7 +13,7 @@ LEAF = 16
 """Vertices that are not halved any more."""
 
 
-def dissected(pattern: csr_array, places: np.ndarray) -> tuple[list[np.ndarray], list[tuple[int, ...]]]:
+def nested_dissection(pattern: csr_array, places: np.ndarray) -> tuple[list[np.ndarray], list[tuple[int, ...]]]:
     """Groups of vertices in the order of their elimination, and for each the groups whose separator it is.
 
     Args:

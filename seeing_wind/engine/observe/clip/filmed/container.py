@@ -23,7 +23,7 @@ SLOWER = 0.05
 """Relative difference of two rates that is rounding."""
 
 
-def said_by(path: str | Path, fps: float, told: bool) -> list[Doubt]:
+def container_doubts(path: str | Path, fps: float, told: bool) -> list[Doubt]:
     """Doubts from the index of the video `path`, which plays at `fps`; `told`: that rate is the user's. Other files say nothing."""
     index = _index(Path(path))
     return [one for one in (None if told else _slow_motion(index, fps), _high_range(index)) if one is not None]

@@ -68,7 +68,7 @@ def surroundings(frames: Frames, around: np.ndarray, progress: Progress) -> Moti
     for t in np.unique(np.linspace(1, len(frames) - 1, min(MOST, len(frames) - 1)).astype(int)):
         progress.check()
         gray = cv2.cvtColor(frames[int(t)], cv2.COLOR_RGB2GRAY)
-        there, sure = _followed(first, gray, corners)
+        there, sure = _track_corners(first, gray, corners)
         if sure.sum() < LEAST_CORNERS:
             continue
         here, there = corners.reshape(-1, 2)[sure] - middle, there[sure] - middle
@@ -77,7 +77,7 @@ def surroundings(frames: Frames, around: np.ndarray, progress: Progress) -> Moti
         if fit is None or agree.sum() < max(LEAST_CORNERS, LEAST_PART * len(here)):
             continue
         before = cv2.cvtColor(frames[int(t) - 1], cv2.COLOR_RGB2GRAY)
-        earlier, also = _followed(gray, before, (there + middle).astype(np.float32)[:, None])
+        earlier, also = _track_corners(gray, before, (there + middle).astype(np.float32)[:, None])
         also &= agree.ravel() > 0
         if also.any():
             kept.append((int(t), fit, float(np.median((there + middle - earlier)[also, 0]))))
@@ -85,7 +85,7 @@ def surroundings(frames: Frames, around: np.ndarray, progress: Progress) -> Moti
     return Motion(np.array(parts[0], int), np.array(parts[1]).reshape(-1, 2, 3), np.array(parts[2], float))
 
 
-def _followed(before: np.ndarray, after: np.ndarray, corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _track_corners(before: np.ndarray, after: np.ndarray, corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Where corners (K, 1, 2) are found again, (K, 2) [px], and (K,) bool whether the way back leads to where they came from."""
     moved, found, _ = cv2.calcOpticalFlowPyrLK(before, after, corners, None, winSize=(21, 21), maxLevel=3)
     back, again, _ = cv2.calcOpticalFlowPyrLK(after, before, moved, None, winSize=(21, 21), maxLevel=3)

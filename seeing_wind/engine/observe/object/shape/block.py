@@ -237,11 +237,11 @@ def _largest_plane(points: np.ndarray, left: np.ndarray, eye: np.ndarray, tolera
     seeds = np.argwhere(inside)
     if len(seeds) == 0:
         return None
-    cloud, best, most = points[left], _fitted(points[inside], eye), 0
+    cloud, best, most = points[left], _fit_plane(points[inside], eye), 0
     for row, column in seeds[:: max(1, len(seeds) // SEEDS)]:
         near = points[row - ROUND : row + ROUND + 1, column - ROUND : column + ROUND + 1]
         known = left[row - ROUND : row + ROUND + 1, column - ROUND : column + ROUND + 1]
-        plane = _fitted(near[known], eye)
+        plane = _fit_plane(near[known], eye)
         count = int((np.abs(plane.behind(cloud)) < tolerance).sum())
         if count > most:
             best, most = plane, count
@@ -249,11 +249,11 @@ def _largest_plane(points: np.ndarray, left: np.ndarray, eye: np.ndarray, tolera
         # Rounded edges lie within the tolerance, too, and would tilt the plane: it is that of the flat middle.
         off = np.abs(best.behind(cloud))
         band = max(3.0 * float(np.median(off[off < tolerance])), 0.05 * tolerance)
-        best = _fitted(cloud[off < min(band, tolerance)], eye)
+        best = _fit_plane(cloud[off < min(band, tolerance)], eye)
     return best
 
 
-def _fitted(points: np.ndarray, eye: np.ndarray) -> Plane:
+def _fit_plane(points: np.ndarray, eye: np.ndarray) -> Plane:
     """Least squares through points (n, 3), the normal towards the eye (3,)."""
     centre = points.mean(axis=0)
     normal = np.linalg.eigh((points - centre).T @ (points - centre))[1][:, 0]

@@ -40,7 +40,7 @@ def surface_of(relief: Relief, particles_x: np.ndarray, count: int = VERTICES) -
     uv = np.stack([(xy[:, 0] + 0.5) / width, 1.0 - (xy[:, 1] + 0.5) / height], axis=1)
     return Surface(
         vertices=vertices,
-        triangles=closed(triangles, len(xy)).astype(np.int32),
+        triangles=close_surface(triangles, len(xy)).astype(np.int32),
         uv=np.clip(np.concatenate([uv, uv]), 0.0, 1.0),
         attachment=attach(vertices, particles_x),
     )
@@ -103,7 +103,7 @@ def without_pinches(triangles: np.ndarray) -> np.ndarray:
     return triangles
 
 
-def closed(triangles: np.ndarray, count: int) -> np.ndarray:
+def close_surface(triangles: np.ndarray, count: int) -> np.ndarray:
     """Close a sheet of triangles (M, 3) over `count` vertices with a back, whose vertices are numbered on from `count`, and a rim.
 
     The input is counter-clockwise in (x right, y down), so its normals point away from the camera: it is turned for the front.

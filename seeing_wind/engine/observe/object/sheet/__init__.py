@@ -5,7 +5,7 @@
     body.py    the whole of it                      follow.py    where it goes: shape from template
 """
 
-from .body import SheetBuilt, build_sheet, followed_together
+from .body import SheetBuilt, build_sheet, follow_views
 from .follow import FEWEST
 
-__all__ = ["FEWEST", "SheetBuilt", "build_sheet", "followed_together"]
+__all__ = ["FEWEST", "SheetBuilt", "build_sheet", "follow_views"]

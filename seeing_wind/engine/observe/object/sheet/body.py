@@ -14,7 +14,7 @@ from ....records import Attachment, Body, Gaussians, Observation, Particles, Sur
 from ..motion.lifting import Sight
 from ..shape.relief import Relief, sheet_relief
 from .follow import follow
-from .mesh import SheetMesh, laid_flat, mesh_of
+from .mesh import SheetMesh, flatten_mesh, mesh_of
 from .riding import ride_flat
 
 FACING = 1e-6
@@ -92,7 +92,7 @@ def sight_of(observation: Observation) -> Sight:
     return Sight(observation.camera, observation.xy, seen, observation.sigma, observation.recognised)
 
 
-def followed_together(
+def follow_views(
     observation: Observation, body: Body, targets: Sequence[TrackTargets], progress: Progress | None = None, journal: Journal | None = None
 ) -> Body:
     """The body of a sheet with the path that all views together tell.
@@ -101,7 +101,7 @@ def followed_together(
         observation: the first view; targets: of the first view, then of further ones.
     """
     x, faces = body.surface.vertices, body.surface.triangles.astype(np.int64)
-    mesh = SheetMesh(x, faces, observation.camera.project(x)[0], laid_flat(x, faces), body.particles.pinned)
+    mesh = SheetMesh(x, faces, observation.camera.project(x)[0], flatten_mesh(x, faces), body.particles.pinned)
     sights = [sight_of(observation), *(Sight(one.camera, one.xy, one.visible, one.sigma) for one in targets[1:])]
     path, sigma, _ = follow(mesh, sights, observation.fps, observation.masks, progress, journal)
     return replace(body, path=path, path_sigma=sigma, lifted=np.where(np.isfinite(body.lifted), body.keypoints.follow(path), np.nan))

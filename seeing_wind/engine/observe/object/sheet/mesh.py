@@ -58,7 +58,7 @@ def mesh_of(relief: Relief, held: np.ndarray, count: int) -> SheetMesh:
         away = ndimage.map_coordinates(ndimage.distance_transform_edt(~held), xy.T[::-1], order=1, mode="nearest")
         pinned = away <= max(0.5 * step, float(away.min()))
     faces = triangles[:, ::-1].astype(np.int64)
-    return SheetMesh(x, faces, xy, laid_flat(x, faces), pinned)
+    return SheetMesh(x, faces, xy, flatten_mesh(x, faces), pinned)
 
 
 def edges_of(faces: np.ndarray) -> np.ndarray:
@@ -67,7 +67,7 @@ def edges_of(faces: np.ndarray) -> np.ndarray:
     return np.unique(np.sort(sides, axis=1), axis=0)
 
 
-def laid_flat(x: np.ndarray, faces: np.ndarray) -> np.ndarray:
+def flatten_mesh(x: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """(V, 2) a mesh in a plane with the lengths of its edges, least squares: what a developable surface is before it is bent [m]."""
     centre = x.mean(axis=0)
     spread, axes = np.linalg.svd(x - centre, full_matrices=False)[1:]

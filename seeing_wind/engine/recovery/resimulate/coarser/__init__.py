@@ -4,7 +4,7 @@
     sheet.py   a mesh of fewer vertices, and the full one that rides on it
 """
 
-from .sheet import Ridden, thinned
+from .sheet import Ridden, coarser_sheet
 from .solid import fill_coarser
 
-__all__ = ["Ridden", "fill_coarser", "thinned"]
+__all__ = ["Ridden", "fill_coarser", "coarser_sheet"]

@@ -52,7 +52,7 @@ class Ridden:
         return found
 
 
-def thinned(x: np.ndarray, faces: np.ndarray, held: np.ndarray, coarseness: float) -> Ridden | None:
+def coarser_sheet(x: np.ndarray, faces: np.ndarray, held: np.ndarray, coarseness: float) -> Ridden | None:
     """A sheet with edges about `coarseness` times as long; None where it has few vertices as it is.
 
     Args:
@@ -65,7 +65,7 @@ def thinned(x: np.ndarray, faces: np.ndarray, held: np.ndarray, coarseness: floa
         return None
     left = _Collapse(x, faces, held, coarseness).down_to(wanted)
     used, coarse = np.unique(left, return_inverse=True)
-    return _ridden(x, used, coarse.reshape(left.shape))
+    return _ride(x, used, coarse.reshape(left.shape))
 
 
 Vector = tuple[float, float, float]
@@ -165,7 +165,7 @@ def _cross(a: Vector, b: Vector) -> Vector:
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-def _ridden(x: np.ndarray, used: np.ndarray, faces: np.ndarray) -> Ridden:
+def _ride(x: np.ndarray, used: np.ndarray, faces: np.ndarray) -> Ridden:
     """The vertices x (V, 3) of the full sheet, each on the nearest of the coarser faces (G, 3)."""
     from trimesh.triangles import closest_point, points_to_barycentric
 

@@ -8,7 +8,7 @@
 See docs/reference/wind.md.
 """
 
-from .observed import Observed, observed
+from .observed import Observed, observe_sheet
 from .stage import SheetSeen, sheet_stage
 
-__all__ = ["Observed", "SheetSeen", "observed", "sheet_stage"]
+__all__ = ["Observed", "SheetSeen", "observe_sheet", "sheet_stage"]

@@ -107,7 +107,7 @@ def field_of(
     for number in range(ROUNDS):
         part = progress.part(*(0.2 + 0.7 * (number + side) / ROUNDS for side in (0, 1)))
         if solution is not None:
-            problem, prior = _learnt(problem, prior, solution, learns)
+            problem, prior = _learn(problem, prior, solution, learns)
         solution = journal.once(f"round {number}", Solution, partial(_solved, problem, prior, theta, part))
         theta, used = solution.theta, used + solution.iterations
     assert solution is not None
@@ -143,7 +143,7 @@ def _solved(problem: SheetProblem, prior: Prior, theta: np.ndarray, progress: Pr
     )  # fmt: skip
 
 
-def _learnt(problem: SheetProblem, prior: Prior, solution: Solution, learns: bool) -> tuple[SheetProblem, Prior]:
+def _learn(problem: SheetProblem, prior: Prior, solution: Solution, learns: bool) -> tuple[SheetProblem, Prior]:
     """With the errors of the law that the forces found imply, and the hyperparameters of greatest evidence."""
     problem = replace(problem, factor=factor_of(problem.balance, problem.forces(solution.theta)))
     if not learns:

@@ -81,7 +81,7 @@ class Observed:
         return self.spline(time), self.fps * self.spline(time, 1)
 
 
-def observed(x: np.ndarray, faces: np.ndarray, pinned: np.ndarray, fps: float, sigma: float | np.ndarray | None) -> Observed:
+def observe_sheet(x: np.ndarray, faces: np.ndarray, pinned: np.ndarray, fps: float, sigma: float | np.ndarray | None) -> Observed:
     """Of points x (T+1, V, 3) [m]; sigma: their noise [m], one number or (T+1, V), None to measure it."""
     return Observed(np.asarray(x, np.float64), faces, pinned, fps, np.asarray(_noise(x, faces) if sigma is None else sigma, np.float64))
 

@@ -31,7 +31,7 @@ from ..verdict import STRONGEST, UNEXPLAINED, figures, sentence
 from .air import Air, Cause, Push
 from .estimate import BREEZE, SheetEstimate, field_of, follower_of
 from .following import Follower
-from .observed import Observed, observed
+from .observed import Observed, observe_sheet
 
 VERSION = 2
 """Part of the stamp: raise it when the results change."""
@@ -82,7 +82,7 @@ def sheet_stage(
         UsageError, ObjectError: a mesh that is no sheet, see `mpm.shell.shell_of`; field "wind" where no wind can have moved it.
         SimulationError: where the sheet cannot be simulated even near where it was seen.
     """
-    seen = observed(source.x, source.faces, source.fixed, source.fps, source.sigma)
+    seen = observe_sheet(source.x, source.faces, source.fixed, source.fps, source.sigma)
     shell = shell_of(seen.rest, source.faces, source.sheet, pinned=source.fixed)
     seen = replace(seen, faces=shell.surface.faces)
     particles = _particles(shell)
@@ -95,7 +95,7 @@ def sheet_stage(
     began = time.perf_counter()
     progress.begin("recover", "recovering the force" if blown.field == "force" else "recovering the wind")
     with TakeJournal(take, stamp, progress) as journal:
-        found, told = _chosen(shell, seen, not source.targets, settings.gravity, blown.field or "wind", progress, journal)
+        found, told = _choose(shell, seen, not source.targets, settings.gravity, blown.field or "wind", progress, journal)
         recovery = _recovery(shell, seen, source.targets, settings.gravity, particles, found, time.perf_counter() - began)
         seconds, began = {"recover": time.perf_counter() - began}, time.perf_counter()
         progress.begin("distill", "fitting the field")
@@ -123,7 +123,7 @@ def _both(recovery: Recovery, found: SheetEstimate, told: dict[str, Any]) -> lis
     return [recovery, replace(recovery, force_density=found.velocity, deviation=found.deviation)]
 
 
-def _chosen(
+def _choose(
     shell: Shell, seen: Observed, learns: bool, gravity: Sequence[float], field: str, progress: Progress, journal: Journal
 ) -> tuple[SheetEstimate, dict[str, Any]]:
     """The estimate that the setting asks for, and what `wind.json` says of it."""
