@@ -35,11 +35,6 @@ def substeps_for(model: Model, retardation: float) -> int:
     return max(model.substeps, math.ceil((lean + math.hypot(lean, LIMITS.viscous_courant * cells)) / LIMITS.viscous_courant**2))
 
 
-def retardation_of(model: Model) -> float:
-    """The longest retardation time [s] of the model's elastic particles; 0 without damping."""
-    return float(np.where(model.law < VON_MISES, model.viscosity / model.mu, 0.0).max())
-
-
 def with_retardation(model: Model, retardation: float | np.ndarray) -> Model:
     """The model with a retardation time [s], one or (N,), where its law is elastic; no longer than its substeps carry."""
     carried = np.minimum(retardation, longest_retardation(model))

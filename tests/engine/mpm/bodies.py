@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from seeing_wind.engine.mpm.laws.plasticity import VON_MISES
 from seeing_wind.engine.records import Material, Particles
 
 SPACING = 0.01
@@ -25,6 +26,11 @@ def affine_basis(x):
     dphi = np.zeros((len(x), 4, 3))
     dphi[:, 1:] = np.eye(3) / 0.03
     return phi, dphi
+
+
+def retardation_of(model) -> float:
+    """The longest retardation time [s] of the model's elastic particles; 0 without damping."""
+    return float(np.where(model.law < VON_MISES, model.viscosity / model.mu, 0.0).max())
 
 
 def still(model, frames):

@@ -50,14 +50,6 @@ def _flow(law: ti.i32, material: array, F: array, F_out: array):
 
 
 @ti.kernel
-def _flow_and_stress(law: ti.i32, lam: float, material: array, F: array, F_out: array, tau_out: array):
-    for p in range(F.shape[0]):
-        F_next, tau = constitutive.flow_and_stress(law, matrix(F, p), material[p, 0], lam, material[p, 1], material[p, 2], material[p, 3])
-        put(F_next, F_out, p)
-        put(tau, tau_out, p)
-
-
-@ti.kernel
 def _flow_adjoint(law: ti.i32, material: array, F: array, F_next_bar: array, F_bar_out: array, material_bar_out: array):
     for p in range(F.shape[0]):
         F_bar, mu_bar, yield_bar, viscosity_bar = plasticity.plastic_flow_adjoint(
@@ -65,12 +57,6 @@ def _flow_adjoint(law: ti.i32, material: array, F: array, F_next_bar: array, F_b
         )
         put(F_bar, F_bar_out, p)
         material_bar_out[p, 0], material_bar_out[p, 1], material_bar_out[p, 2] = mu_bar, yield_bar, viscosity_bar
-
-
-@ti.kernel
-def _polar(F: array, R_out: array):
-    for p in range(F.shape[0]):
-        put(constitutive.polar_rotation(matrix(F, p)), R_out, p)
 
 
 def _call(kernel, real, first, *arrays):
@@ -114,14 +100,6 @@ def flow(law, F, material, real=np.float64):
     return out
 
 
-def flow_and_stress(law, F, material, lam, real=np.float64):
-    """F and tau (n, 3, 3) after plastic flow."""
-    F = _ready(F, real)
-    out, tau = np.empty_like(F), np.empty_like(F)
-    _call(_flow_and_stress, real, (constitutive.LAWS[law], lam), _ready(material, real, (len(F), 4)), F, out, tau)
-    return out, tau
-
-
 def flow_adjoint(law, F, material, F_next_bar, real=np.float64):
     """F_bar (n, 3, 3), material_bar (n, 4), zero for dt."""
     F = _ready(F, real)
@@ -129,14 +107,6 @@ def flow_adjoint(law, F, material, F_next_bar, real=np.float64):
     arguments = _ready(material, real, (len(F), 4)), F, _ready(F_next_bar, real), out, material_bar
     _call(_flow_adjoint, real, (constitutive.LAWS[law],), *arguments)
     return out, material_bar
-
-
-def polar(F, real=np.float64):
-    """R (n, 3, 3)."""
-    F = _ready(F, real)
-    out = np.empty_like(F)
-    _call(_polar, real, (), F, out)
-    return out
 
 
 def rotations(rng, count):

@@ -8,7 +8,6 @@ import pytest
 
 from seeing_wind.engine.command.arguments import parser, settings_of
 from seeing_wind.engine.materials import LIMITS
-from seeing_wind.engine.mpm.damping import retardation_of
 from seeing_wind.engine.mpm.model_for import model_for, with_clamp_depth
 from seeing_wind.engine.progress import NoProgress, Progress
 from seeing_wind.engine.record_arrays import from_arrays, to_arrays
@@ -24,6 +23,7 @@ from seeing_wind.engine.recovery.solve.constants import PACE
 from seeing_wind.engine.recovery.solve.section import section_shapes
 from seeing_wind.engine.recovery.solve.stiffness import is_free, scaled, stiffest, youngs_modulus
 from seeing_wind.engine.settings import BodyEdit, Edit, RecoverSettings
+from tests.engine.mpm.bodies import retardation_of
 from tests.engine.recovery.bodies import FPS, RUBBER, WEIGHTLESS, blow, camera, every, plate, points, relative
 
 TOO_STIFF = replace(RUBBER, youngs_modulus=1.3 * RUBBER.youngs_modulus)

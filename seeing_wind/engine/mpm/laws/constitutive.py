@@ -5,7 +5,7 @@ anywhere: nothing to divide by when two of them meet, as they do at rest.
 
 The stretch V = sqrt(B), B = F F^T, of F = V R needs no iteration on matrices. Its trace is the largest root of a quartic whose
 coefficients are invariants of F; there the quartic's slope is 8 times the product of the sums of two stretches, so the root is simple
-wherever R is defined at all. V and R then are polynomials in F (Cayley, Hamilton).
+wherever R is defined at all. V then is a polynomial in B (Cayley, Hamilton).
 
 Sources: corotated: Stomakhin et al. 2012, "Energetically consistent invertible elasticity", psi = mu |F - R|² + lam/2 (J - 1)²;
 neo-Hookean: Bonet and Wood, "Nonlinear continuum mechanics", psi = mu/2 (|F|² - 3) - mu log J + lam/2 (log J)²;
@@ -17,8 +17,8 @@ Franca 1989, "An algorithm to compute the square root of a 3x3 positive definite
 
 from ..compiler import ti
 from ..compiler.precision import is_double
-from .eigen import adjugate, column, from_columns, full, left_cauchy_green, plus_identity, product, squared, symmetric_part, times_columns
-from .plasticity import PLASTIC_LAWS, VON_MISES, hencky, hencky_both_ways, plastic_flow_stress
+from .eigen import adjugate, column, from_columns, full, left_cauchy_green, plus_identity, squared, symmetric_part, times_columns
+from .plasticity import PLASTIC_LAWS, hencky, hencky_both_ways
 
 COROTATED = 0
 NEO_HOOKEAN = 1
@@ -30,20 +30,6 @@ _ITERATIONS = 30
 """Of Newton's method; one to three in practice."""
 _LAST_STEP = {True: 1e-9, False: 2e-4}
 """Relative step after which the next, about its square, is below rounding; by whether in double precision."""
-
-
-@ti.func
-def cofactor(F):
-    """J F^-T."""
-    return ti.Matrix(
-        [
-            [
-                F[(i + 1) % 3, (j + 1) % 3] * F[(i + 2) % 3, (j + 2) % 3] - F[(i + 1) % 3, (j + 2) % 3] * F[(i + 2) % 3, (j + 1) % 3]
-                for j in ti.static(range(3))
-            ]
-            for i in ti.static(range(3))
-        ]
-    )
 
 
 @ti.func
@@ -79,15 +65,6 @@ def stretch_invariants(B, J, i):
 
 
 @ti.func
-def polar_rotation(F):
-    """R of F = V R; det F > 0."""
-    B, J = left_cauchy_green(F), F.determinant()
-    i = stretch_trace(B, J)
-    first, ii, sums = stretch_invariants(B, J, i)
-    return (product(full(plus_identity(-1.0 * B, first + ii)), F) + i * cofactor(F)) / sums
-
-
-@ti.func
 def corotated(F, mu, lam):
     """tau = 2 mu (F - R) F^T + lam J (J - 1) I = 2 mu (B - V) + lam J (J - 1) I; and tr V."""
     B, J = left_cauchy_green(F), F.determinant()
@@ -118,17 +95,6 @@ def kirchhoff(plastic: ti.template(), law, F, mu, lam):
     elif ti.static(plastic):
         tau = hencky(F, mu, lam)
     return tau, known
-
-
-@ti.func
-def flow_and_stress(law, F, mu, lam, yield_stress, viscosity, dt):
-    """`plastic_flow` and `kirchhoff` of its result: F, tau. For plastic laws both come from one logarithm."""
-    F_next, tau = F, ti.Matrix.zero(float, 3, 3)
-    if law >= VON_MISES:
-        F_next, tau = plastic_flow_stress(law, F, mu, lam, yield_stress, viscosity, dt)
-    else:
-        tau, _known = kirchhoff(False, law, F, mu, lam)
-    return F_next, tau
 
 
 @ti.func

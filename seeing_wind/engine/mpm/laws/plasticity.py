@@ -61,19 +61,6 @@ def plastic_flow(law, F, mu, yield_stress, viscosity, dt):
 
 
 @ti.func
-def plastic_flow_stress(law, F, mu, lam, yield_stress, viscosity, dt):
-    """`plastic_flow` and the `hencky` stress after it from one logarithm: F, tau. For plastic laws only."""
-    m, X, size = relative_deviator(left_cauchy_green(F))
-    mean, e = hencky_strain(m, X, size)
-    trial, limit = 2.0 * mu * ti.sqrt(norm_sqr(e)), RADIUS * yield_stress
-    F_next, s = F, 0.0
-    if trial > limit:
-        s = rate_weight(law, mu, viscosity, dt) * (limit / trial - 1.0)
-        F_next = F + product(full(exponential(s * e)), F)
-    return F_next, full(plus_identity(2.0 * mu * (1.0 + s) * e, (2.0 * mu + 3.0 * lam) * mean))
-
-
-@ti.func
 def principal_strains(X, size):
     """Eigenvectors U of B = m (I + X), |X| = size, eigenvalues x (3,) of X, and log(1 + x) / 2 (3,): Hencky strains less log(m) / 2."""
     U, x = eigenvectors(X, eigenvalues(X, size)[0])
