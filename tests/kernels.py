@@ -38,9 +38,8 @@ def main() -> None:
     began = time.perf_counter()
     for recover in (free, held, flowing, by_descent, clay_by_descent):
         recover(Journal())
-    for law in ("corotated", "von_mises"):
-        for precision in ("double", "single"):
-            gradients(*problem(law), precision)
+    for law, precision in (("corotated", "double"), ("corotated", "single"), ("von_mises", "double")):
+        gradients(*problem(law), precision)
     sheets()
     print(f"Kernels ready in {time.perf_counter() - began:.0f} s")
 
