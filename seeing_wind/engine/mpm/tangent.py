@@ -2,11 +2,12 @@
 
 One simulation of the body as it is; then every change costs a small part of another, because it shares all that depends on the body alone
 (`kernels.linearise`, `kernels.carry`): elastic or plastic, held by what stands still or by what moves. What touches
-a collider has no such changes.
+a collider has no such changes. Where there are many changes, a few mixtures of them are carried instead (`body.columns`).
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
@@ -15,16 +16,17 @@ import torch
 
 from ..errors import SimulationError, UsageError
 from ..progress import Journal, Progress
+from .body.columns import PLACE, SPIN, VELOCITY, Columns
 from .body.copies_run import CopiesRun, ends_of
 from .body.frame_run import Piece
 from .checks import check_state
 from .compiler.settings import compiled_in, contracted, native_vectors
 from .failure import diagnosis, failure
 from .kernels import linearise, substep
-from .kernels.carry import SOURCE, STATE, WIDTHS, carry
+from .kernels.carry import SOURCE, WIDTHS, carry
 from .kernels.copies_forward import CODE, DONE
 from .kernels.linearise import FLOW
-from .kernels.native import aligned, aligned_zeros
+from .kernels.native import aligned
 from .lattice.kinematics import conditions_for
 from .laws.plasticity import VON_MISES
 from .model import Model
@@ -44,7 +46,10 @@ _WORK_PER_CALL = 6_000_000
 
 @dataclass(frozen=True)
 class Changes:
-    """Changes in B directions, by the frame from which on a direction acts."""
+    """Changes in B directions, by the frame from which on a direction acts.
+
+    They should be of comparable size: of what a direction does, a hundred thousandth of what all do may be lost.
+    """
 
     coefficients: np.ndarray
     """(B, T, P, 3) of the force's coefficients [m/s²]; zero before the direction's first frame."""
@@ -52,6 +57,15 @@ class Changes:
     """(B, N, 3) of the initial velocities [m/s]."""
     C0: np.ndarray | None = None
     """(B, N, 3, 3) of the initial affine velocities [1/s]."""
+
+
+Wanted = Callable[[int, np.ndarray, np.ndarray], np.ndarray]
+"""What is wanted of changed positions: (frame, x (N, 3), changes (columns, N, 3)) -> (columns, ...), linear in the changes."""
+
+
+def positions(frame: int, x: np.ndarray, changes: np.ndarray) -> np.ndarray:
+    """The changed positions themselves."""
+    return changes
 
 
 def tangents(
@@ -63,6 +77,7 @@ def tangents(
     changes: Changes,
     progress: Progress,
     journal: Journal = Journal(),
+    wanted: Wanted = positions,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Motion under a force, and how it changes to first order.
 
@@ -72,9 +87,10 @@ def tangents(
         coefficients: (T, P, 3) [m/s²].
         changes: directions.
         journal: keeps how far the frames have come.
+        wanted: of the changes in each frame, from the first one on.
 
     Returns:
-        positions (T+1, N, 3) [m], and their changes (B, T+1, N, 3) [m], single precision.
+        positions (T+1, N, 3) [m], and what is wanted of their changes (B, T+1, ...), single precision; zero in frame 0.
 
     Raises:
         SimulationError: when the simulation breaks even with half the dt.
@@ -87,13 +103,17 @@ def tangents(
         A = model.axes
         v0, C0 = (None if given is None else given @ A for given in (changes.v0, changes.C0))
         turned = Changes(changes.coefficients @ A, v0, None if C0 is None else A.T @ C0)
-        x, changed = tangents(model.upright(), start.turned(A), phi, dphi, coefficients @ A, turned, progress, journal)
-        return x @ A.T, changed @ A.T.astype(np.float32)
-    return _Carrier(model, start, phi, dphi, changes, progress).run(coefficients, journal)
+
+        def back(frame: int, x: np.ndarray, moved: np.ndarray) -> np.ndarray:
+            return wanted(frame, x @ A.T, moved @ A.T.astype(np.float32))
+
+        x, changed = tangents(model.upright(), start.turned(A), phi, dphi, coefficients @ A, turned, progress, journal, back)
+        return x @ A.T, changed
+    return _Carrier(model, start, phi, dphi, changes, progress).run(coefficients, journal, wanted)
 
 
 class _Carrier:
-    """One body, its changes in groups that are carried together, a frame at a time."""
+    """One body and its changes, a frame at a time."""
 
     def __init__(self, model: Model, start: State, phi: np.ndarray, dphi: np.ndarray, changes: Changes, progress: Progress) -> None:
         check_state(model.particles, model.offset, model.dx, start.x, start.v, start.C, start.F)
@@ -103,39 +123,27 @@ class _Carrier:
         self.body.make_room_for(start.x[None])
         self.active, self.count = self.body.packing.active, len(self.body.packing.active)
         self.phi, self.dphi = torch.from_numpy(np.ascontiguousarray(phi)), torch.from_numpy(np.ascontiguousarray(dphi))
-        count, n = len(changes.coefficients), self.count
+        count = len(changes.coefficients)
         # Few changes are spread over the cores rather than over the lanes.
-        self.width = next((width for width in WIDTHS if count <= 2 * width), WIDTHS[-1])
-        groups = -(-count // self.width)
-        acting = (changes.coefficients != 0.0).any(axis=(2, 3))
-        begin = np.where(acting.any(axis=1), acting.argmax(axis=1), acting.shape[1])
-        for values in (changes.v0, changes.C0):
-            if values is not None:
-                begin[(values != 0.0).reshape(count, -1).any(axis=1)] = 0
-        self.order = np.argsort(begin, kind="stable")
-        self.begin = begin[self.order]
-        """First acting frame of each change; later ones lie in later groups."""
-        per_frame = torch.from_numpy(changes.coefficients[self.order]).float()
-        self.coefficients = torch.cat([per_frame, per_frame.new_zeros(groups * self.width - count, *per_frame.shape[1:])])
-        self.lanes = aligned_zeros((groups, n, STATE, self.width), np.float32)
-        for rows, values in ((slice(0, 3), changes.v0), (slice(3, 12), changes.C0)):
-            if values is not None:
-                padded = np.zeros((groups * self.width, n, rows.stop - rows.start), np.float32)
-                padded[:count] = values[self.order][:, self.active].reshape(count, n, -1)
-                self.lanes[:, :, rows] = padded.reshape(groups, self.width, n, -1).transpose(0, 2, 3, 1)
-        self.changes, self.boxes = count, np.zeros((0, 6), np.int32)
-        self.source = aligned((groups, n, SOURCE, self.width), np.float32)
+        width = next((width for width in WIDTHS if count <= 2 * width), WIDTHS[-1])
+        self.coefficients = changes.coefficients.reshape(*changes.coefficients.shape[:2], -1)  # (B, T, 3 P)
+        moves = ((VELOCITY, changes.v0), (SPIN, changes.C0))
+        begin = [(part, values[:, self.active]) for part, values in moves if values is not None]
+        self.columns = Columns(count, self.count, width, begin)
+        self.boxes = np.zeros((0, 6), np.int32)
 
-    def run(self, coefficients: np.ndarray, journal: Journal) -> tuple[np.ndarray, np.ndarray]:
+    def run(self, coefficients: np.ndarray, journal: Journal, wanted: Wanted) -> tuple[np.ndarray, np.ndarray]:
         """Frame by frame under coefficients (T, P, 3) [m/s²]: what `tangents` returns, and what it raises."""
         frames, n = len(coefficients), self.model.particles
         x = np.empty((frames + 1, n, 3))
-        changed = np.zeros((self.changes, frames + 1, n, 3), np.float32)
         x[0] = self.state.x
+        none = np.zeros((0, n, 3), np.float32)
+        changed = np.zeros((len(self.coefficients), frames + 1, *wanted(0, x[0], none).shape[1:]), np.float32)
         loop = journal.loop("frames", coefficients)
         done, kept = loop.resume()
         if done:
-            x[: done + 1], changed[:, : done + 1], self.lanes[: len(kept["lanes"])] = kept["x"], kept["changed"], kept["lanes"]
+            x[: done + 1], changed[:, : done + 1] = kept["x"], kept["changed"]
+            self.columns.resume(kept)
             self.state = State(x[done].copy(), kept["v"], kept["C"], kept["F"])
         for t in range(done, frames):
             self.progress.check()
@@ -143,20 +151,22 @@ class _Carrier:
             spatial = np.linalg.inv(self.state.F)
             gradient = coefficients[t].T @ self.dphi.numpy() @ spatial
             substeps = self._record(acceleration, gradient, t)
-            groups = -(-int((self.begin <= t).sum()) // self.width)
-            if groups:
-                self._force(groups, t, substeps, gradient[self.active], spatial[self.active])
-                self._carry(groups, substeps)
-                moved = self.lanes[:groups, :, 21:].transpose(0, 3, 1, 2).reshape(-1, self.count, 3)[: self.changes]
-                changed[self.order[: len(moved), None], t + 1, self.active] = moved
+            force = self.columns.forced(self.coefficients[:, t], self.model.frame_dt)
             x[t + 1] = self.state.x
-            loop.reached(t + 1, partial(self._so_far, x[: t + 2], changed[:, : t + 2], groups))
+            if self.columns.count:
+                self._carry(self._source(force, substeps, gradient[self.active], spatial[self.active]), substeps)
+                moved = np.zeros((self.columns.count, n, 3), np.float32)
+                moved[:, self.active] = self.columns.states(PLACE)
+                found = wanted(t + 1, x[t + 1], moved)
+                mixed = self.columns.mix.astype(np.float32) @ found.reshape(len(found), -1).astype(np.float32)
+                changed[:, t + 1] = mixed.reshape(changed[:, t + 1].shape)
+            loop.reached(t + 1, partial(self._so_far, x[: t + 2], changed[:, : t + 2]))
         return x, changed
 
-    def _so_far(self, x: np.ndarray, changed: np.ndarray, groups: int) -> dict[str, np.ndarray]:
-        """All that the next frame follows from; groups that have not begun are as they were made."""
+    def _so_far(self, x: np.ndarray, changed: np.ndarray) -> dict[str, np.ndarray]:
+        """All that the next frame follows from."""
         state = self.state
-        return {"x": x, "changed": changed, "v": state.v, "C": state.C, "F": state.F, "lanes": self.lanes[:groups]}
+        return {"x": x, "changed": changed, "v": state.v, "C": state.C, "F": state.F, **self.columns.state()}
 
     def _record(self, acceleration: np.ndarray, gradient: np.ndarray, frame: int) -> int:
         """The frame's substeps, kept and linearised; moves the body on. Returns their number: the model's, or twice that."""
@@ -216,38 +226,42 @@ class _Carrier:
                 )  # fmt: skip
             begin = end
 
-    def _force(self, groups: int, frame: int, substeps: int, gradient: np.ndarray, spatial: np.ndarray) -> None:
-        """What the changed force gives in a substep, into `source`; `spatial` (M, 3, 3) is F^-1 at the frame's start.
+    def _source(self, force: np.ndarray, substeps: int, gradient: np.ndarray, spatial: np.ndarray) -> np.ndarray:
+        """What the columns' force (columns, 3 P) gives in a substep, (groups, M, SOURCE, width); `spatial` (M, 3, 3) is F^-1 at the frame's
+        start.
 
         `gradient` (M, 3, 3), grad a, changes with F itself by -grad a dF F^-1; nodes that go along undo just that.
         """
-        m, n = self.model, self.count
+        m, n, (groups, width) = self.model, self.count, (len(self.columns.lanes), self.columns.width)
         momentum = torch.from_numpy(m.mass[self.active] * m.frame_dt / substeps)
         slope = m.dx * torch.from_numpy(spatial).transpose(1, 2) @ self.dphi[self.active].transpose(1, 2)
         given = (momentum[:, None, None] * torch.cat([self.phi[self.active][:, None], slope], dim=1)).float().reshape(4 * n, -1)
-        change = self.coefficients[: groups * self.width, frame].reshape(groups, self.width, -1, 3).permute(0, 2, 3, 1)
-        out = torch.from_numpy(self.source)[:groups].view(groups, 4 * n, 3 * self.width)
-        torch.matmul(given, change.reshape(groups, -1, 3 * self.width), out=out)
-        if not m.plastic:
-            return
-        scaled = torch.from_numpy(-m.dx * gradient).float() * momentum[:, None, None].float()
-        dF = torch.from_numpy(self.lanes)[:groups, :, 12:21].unflatten(2, (3, 3))
-        turned = torch.einsum("nca,gnabw,nbk->gnkcw", scaled, dF, torch.from_numpy(spatial).float())
-        torch.from_numpy(self.source)[:groups, :, 3:] += turned.flatten(2, 3)
+        padded = np.zeros((groups * width, force.shape[1]), np.float32)
+        padded[: len(force)] = force
+        change = torch.from_numpy(padded).reshape(groups, width, -1, 3).permute(0, 2, 3, 1)
+        source = torch.from_numpy(aligned((groups, n, SOURCE, width), np.float32))
+        torch.matmul(given, change.reshape(groups, -1, 3 * width), out=source.view(groups, 4 * n, 3 * width))
+        if m.plastic:
+            scaled = torch.from_numpy(-m.dx * gradient).float() * momentum[:, None, None].float()
+            dF = torch.from_numpy(self.columns.lanes)[:, :, 12:21].unflatten(2, (3, 3))
+            turned = torch.einsum("nca,gnabw,nbk->gnkcw", scaled, dF, torch.from_numpy(spatial).float())
+            source[:, :, 3:] += turned.flatten(2, 3)
+        return source.numpy()
 
-    def _carry(self, groups: int, substeps: int) -> None:
-        m, nodes, active = self.model, 4 * self.nodes, self.active
-        mass, flat = m.mass[active].astype(np.float32), lambda array: array.reshape(-1, self.width)
+    def _carry(self, source: np.ndarray, substeps: int) -> None:
+        m, nodes, active, lanes = self.model, 4 * self.nodes, self.active, self.columns.lanes
+        groups, width = len(lanes), self.columns.width
+        mass, flat = m.mass[active].astype(np.float32), lambda array: array.reshape(-1, width)
         viscous = np.where(m.law < VON_MISES, -4.0 * m.frame_dt / substeps / m.dx * m.volume * m.viscosity, 0.0)[active]
         damping = np.stack([viscous, viscous * m.lam[active] / m.mu[active]], axis=1).astype(np.float32).reshape(-1)
-        at_once = max(1, min(groups, _WORK_PER_CALL // (self.count * substeps * self.width), MOST_NUMBERS // (nodes * self.width) - 1))
+        at_once = max(1, min(groups, _WORK_PER_CALL // (self.count * substeps * width), MOST_NUMBERS // (nodes * width) - 1))
         at_once += at_once % 2
         for first in range(0, groups, at_once):
-            grid = aligned((min(at_once, groups - first) * nodes, self.width), np.float32)
+            grid = aligned((min(at_once, groups - first) * nodes, width), np.float32)
             self.progress.check()
             with native_vectors(), contracted(), compiled_in(np.float32):
-                carry[self.width](
+                carry[width](
                     m.plastic, first, mass, damping, m.role[active], m.dx, m.frame_dt / substeps, self.boxes,
                     self.corner, self.record, self.flows, self.flow, self.inverse_mass, self.velocity,
-                    flat(self.source), flat(self.lanes), grid,
+                    flat(source), flat(lanes), grid,
                 )  # fmt: skip

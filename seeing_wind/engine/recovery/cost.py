@@ -40,6 +40,9 @@ from .solve.constants import PACE
 
 FILE = "solver_speed.json"
 
+COLUMNS = 2.5
+"""That are carried for all changes (`mpm.body.columns`), for each coefficient of a frame's force: 1.7 to 2.4 on development scenes."""
+
 OTHER = 1.5
 """What a solve takes, learning the prior's sizes and linear algebra too, in units of its simulations: 1.15 to 1.9 on development clips."""
 
@@ -117,13 +120,17 @@ def work_of(particles: Particles, material: Material, fps: float, frames: int, p
 def _block(usual: Usual, frames: int, start: int, few: int, worth: int, iterations: int) -> np.ndarray:
     """(3,) copies, bases and changes times frames of the fine model; `start` unknowns are those of the initial motion.
 
-    Derivatives are taken of the rough model. A change costs nothing before its knot, so half of the frames on average.
+    Derivatives are taken of the rough model. A change costs nothing before its knot, so half of the frames on average; and where there are
+    many, fewer columns are carried in their place.
     """
     coarse, fine = min(usual.coarse, iterations), min(usual.fine, max(iterations - 1, 0))
     ahead = (frames / PACE.hop * PACE.horizon + PACE.first_horizon * PACE.first_horizon_steps) if usual.follows else 0.0
     bases = ahead + frames * (coarse + fine)
-    unknowns = coarse * (3 * few * (frames / 4.0 + 1.0) + start) + fine * (3 * worth * (frames / PACE.knot + 1.0) + start)
-    changes = ahead * (3 * min(few, 4) + start) + 0.5 * frames * unknowns
+    carried = sum(
+        times * min(0.5 * (3 * modes * knots + start), COLUMNS * 3 * modes)
+        for times, modes, knots in ((coarse, few, frames / 4.0 + 1.0), (fine, worth, frames / PACE.knot + 1.0))
+    )
+    changes = ahead * (3 * min(few, 4) + start) + frames * carried
     share = min(1.0, (coarse + fine) / (usual.coarse + usual.fine))
     return np.array([share * usual.copies * frames, PACE.rough * bases, PACE.rough * changes])
 
@@ -200,13 +207,16 @@ def _measured(plastic: bool) -> Speed:
     body = Particles(x, np.full(count, 1e-6), np.zeros(count, bool), 0.01)
     stuff = dataclasses.replace(find("leaf"), youngs_modulus=2e4, law="von_mises" if plastic else "corotated", yield_stress=1e3)
     model = dataclasses.replace(model_for(body, stuff, 30.0)[0], substeps=SUBSTEPS)
-    phi, slope, start = np.ones((count, 1)), np.zeros((count, 1, 3)), State.at_rest(x)
+    # So many modes that no change is a mixture of others.
+    modes = MANY // 6 + 1
+    phi, slope, start = np.ones((count, modes)), np.zeros((count, modes, 3)), State.at_rest(x)
 
     def copies() -> None:
-        rollout_batch(model, start, phi, slope, np.zeros((2, FRAMES, 1, 3)))
+        rollout_batch(model, start, phi, slope, np.zeros((2, FRAMES, modes, 3)))
 
     def carried(changes: int) -> None:
-        tangents(model, start, phi, slope, np.zeros((FRAMES, 1, 3)), Changes(np.ones((changes, FRAMES, 1, 3))), NoProgress())
+        force = np.zeros((FRAMES, modes, 3))
+        tangents(model, start, phi, slope, force, Changes(np.ones((changes, *force.shape))), NoProgress())
 
     runs = []
     for _ in range(1 + REPEATS):

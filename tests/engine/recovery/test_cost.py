@@ -47,14 +47,14 @@ def test_a_solve_takes_longer_with_more_of_everything() -> None:
     stiffer = dataclasses.replace(RUBBER, youngs_modulus=4.0 * RUBBER.youngs_modulus)
     ratio = substeps_of(plate(), stiffer, FPS) / substeps_of(plate(), RUBBER, FPS)
     assert 1.5 < ratio <= 2.1 and seconds(material=stiffer) == pytest.approx(ratio * seconds())
-    # Within a block the unknowns grow with the frames, and each is carried further; a block more is only one more.
-    assert 2.0 < seconds(frames=32) / seconds(frames=16) < 4.0
+    # Within a block the unknowns grow with the frames, but not the columns that are carried for them.
+    assert 1.7 < seconds(frames=32) / seconds(frames=16) < 2.6
     assert 1.5 < seconds(frames=168) / seconds(frames=88) < 2.2
 
 
 def test_what_is_looked_for_counts() -> None:
     assert seconds(held(plate())) > 1.3 * seconds(), "its stiffness is found, too"
-    assert seconds(points=1) < 0.8 * seconds(), "a body that is seen as one point has a uniform force"
+    assert seconds(points=1) < 0.9 * seconds(), "a body that is seen as one point has a uniform force"
     assert seconds(iterations=1) < 0.7 * seconds(), "a draft"
     slower = seconds(held(plate()), frames=88) / seconds(held(plate()), frames=32)
     assert slower < 0.8 * seconds(frames=88) / seconds(frames=32), "later blocks of a held body know its stiffness"

@@ -6,7 +6,6 @@ The Jacobian comes from changes carried along one simulation.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -23,11 +22,7 @@ from ..prior.basis import Knots, SpatialBasis
 from ..targets.objective import Objective
 
 OFFSET = 1e-4
-"""Change of an unknown by which residuals are differenced, relative to the size that the prior expects."""
-COLUMNS_AT_ONCE = 96
-"""Changed motions that residuals are taken of together."""
-TANGENT_BYTES, FEWEST = 300_000_000, 16
-"""Memory that the changed positions of one call of `tangents` may take, and unknowns that one is worth in any case."""
+"""Displacement [cells] by which residuals are differenced."""
 
 
 @dataclass(frozen=True)
@@ -187,43 +182,32 @@ class Forward:
     def _columns(self, theta: np.ndarray, active: np.ndarray, objective: Objective, scale: np.ndarray) -> np.ndarray:
         """`jacobian` with the rough model, if it holds."""
         which = np.flatnonzero(active)
-        offset = OFFSET * scale[which]
-        blocks = _blocks(which, max(FEWEST, TANGENT_BYTES // (12 * (len(self.hats) + 1) * len(self.x))))
+        assert which.size, "no unknown is active"
+        size = scale[which]
+        return self.journal.array("columns", partial(self._carried, theta, which, size, objective), theta, which, size)
 
-        def found(some: np.ndarray, step: np.ndarray) -> np.ndarray:
-            parts = []
-            for nominal, positions, steps in self._carried(theta, some, step):
-                base = objective.residual(nominal[None])[0]
-                parts.append(((objective.residual(positions) - base) / steps[:, None, None]).astype(np.float32))
-            return np.concatenate(parts)
-
-        assert blocks, "no unknown is active"
-        steps = np.split(offset, np.cumsum([len(some) for some in blocks])[:-1])
-        return np.concatenate(
-            [self.journal.array("columns", partial(found, some, step), theta, some, step) for some, step in zip(blocks, steps)]
-        )
-
-    def _carried(self, theta: np.ndarray, some: np.ndarray, offset: np.ndarray) -> Iterator[Moved]:
-        """Positions after changes of `some` unknowns by `offset`, by carrying the changes along one simulation (`mpm.tangent`)."""
-        unit = np.zeros((len(some), len(theta)))
-        unit[np.arange(len(some)), some] = 1.0
+    def _carried(self, theta: np.ndarray, which: np.ndarray, size: np.ndarray, objective: Objective) -> np.ndarray:
+        """`jacobian` for the unknowns `which`, by carrying changes of their expected `size` along one simulation (`mpm.tangent`)."""
+        unit = np.zeros((len(which), len(theta)))
+        unit[np.arange(len(which)), which] = size
         v0 = C0 = None
-        if (some >= self.size).any():
+        if (which >= self.size).any():
             velocity = unit[:, self.size :]
             v0, C0 = np.tensordot(velocity, self.velocity, 1), np.tensordot(velocity, self.velocity_gradient, 1)
-        changes, start = Changes(self.per_frame(unit), v0, C0), self.start(theta[self.size :])
-        nominal, change = tangents(
-            self.rough, start, self.basis.phi, self.basis.gradient, self.per_frame(theta), changes, self.progress, self.journal
-        )
-        for few in _blocks(np.arange(len(some)), COLUMNS_AT_ONCE):
-            yield nominal, nominal + offset[few, None, None, None] * change[few], offset[few]
+
+        def residuals(frame: int, x: np.ndarray, moved: np.ndarray) -> np.ndarray:
+            farthest = np.abs(moved).max(axis=(1, 2), initial=np.finfo(np.float32).tiny)
+            step = OFFSET * self.model.dx / farthest
+            every = np.concatenate([x[None], x + step[:, None, None] * moved])
+            found = objective.residual(every[:, None], frame)[:, 0]
+            return (found[1:] - found[0]) / step[:, None]
+
+        _, rows = tangents(
+            self.rough, self.start(theta[self.size :]), self.basis.phi, self.basis.gradient, self.per_frame(theta),
+            Changes(self.per_frame(unit), v0, C0), self.progress, self.journal, residuals,
+        )  # fmt: skip
+        rows /= size[:, None, None]
+        return rows
 
 
-Moved = tuple[np.ndarray, np.ndarray, np.ndarray]
-"""Positions (T+1, N, 3) without a change, with each of several changes (changes, T+1, N, 3), and the sizes of these (changes,)."""
 STATE = ("x", "v", "C", "F")
-
-
-def _blocks(rows: np.ndarray, most: int) -> list[np.ndarray]:
-    """Rows in parts of equal size, at most `most` in each."""
-    return np.array_split(rows, -(-len(rows) // most)) if len(rows) else []

@@ -1,0 +1,131 @@
+"""Small changes of one body's state, carried together as the lanes of vectors, and what mixtures of them are asked for.
+
+Far more directions are asked for than the body can answer differently: after a few frames, hundreds of changes of an elastic body's force
+lie within some tens of dimensions of its state. So the columns that are carried are a basis of the directions' states, found by a singular
+value decomposition that leaves out what hardly moves the body, and each direction is a mixture of columns.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..kernels.carry import STATE
+from ..kernels.native import aligned, aligned_copy, aligned_zeros
+
+LEAST = 1e-5
+"""Singular values below this share of the largest one are dropped: a motion of a metre that is wrong by a hundredth of a millimetre."""
+
+
+WORTH = 0.7
+"""Part of the columns from which on fewer are worth their mixing."""
+VELOCITY, SPIN, PLACE = slice(0, 3), slice(3, 12), slice(21, 24)
+"""Of a state: of the velocity, of its gradient, of the place."""
+
+
+class Columns:
+    """Columns of one body, before and behind a frame."""
+
+    def __init__(self, directions: int, particles: int, width: int, start: Sequence[tuple[slice, np.ndarray]] = ()) -> None:
+        """start: parts of the state and how the `directions` change them in the first frame, (B, M, ...)."""
+        self.width, self.particles, self.start = width, particles, start
+        self.lanes = aligned_zeros((0, particles, STATE, width), np.float32)
+        """(groups, M, STATE, width) states, the last group's idle lanes zero."""
+        self.mix = np.zeros((directions, 0))
+        """(B, columns) each direction as a mixture of columns."""
+        self.mixed = False
+        """Whether columns are no longer directions."""
+        self.tried = 0
+        """Columns that were as many as what they did differed, at last."""
+        self.begun = np.zeros(directions, bool)
+        for _, values in start:
+            self.begun |= (values != 0.0).reshape(directions, -1).any(axis=1)
+
+    def forced(self, given: np.ndarray, frame_dt: float) -> np.ndarray:
+        """Make the columns ready for a frame with the force's coefficients `given` (B, C) of the directions.
+
+        As long as there are few, each direction has a column of its own. Then their states go into as few columns as they can, and each
+        coefficient of this frame's force into one more.
+
+        Args:
+            frame_dt: the frame's length [s].
+
+        Returns:
+            (columns, C) the coefficients that each column adds in this frame.
+        """
+        self.begun |= given.any(axis=1)
+        acting, begun = np.flatnonzero(given.any(axis=0)), np.flatnonzero(self.begun)
+        if self.count and (self.mixed or len(begun) > max(2 * len(acting), 1.5 * self.tried)):
+            fewer, mix = self._fewer(frame_dt)
+            if self.mixed or fewer.shape[1] + len(acting) < WORTH * len(begun):
+                self._replace(fewer, mix)
+                self.mixed = True
+            else:
+                self.tried = self.count
+        if self.mixed:
+            self._append(given[:, acting])
+            force = np.zeros((self.count, given.shape[1]))
+            force[self.count - len(acting) + np.arange(len(acting)), acting] = 1.0
+            return force
+        own = self.mix.argmax(axis=0) if self.count else np.zeros(0, int)
+        new = np.setdiff1d(begun, own)
+        self._append(np.eye(len(given))[:, new])
+        if len(new) and not len(own):
+            self._begin(new)
+        return given[np.concatenate([own, new])]
+
+    def state(self) -> dict[str, np.ndarray]:
+        """All that the frames to come depend on."""
+        return {"lanes": self.lanes, "mix": self.mix, "mixed": np.array(self.mixed), "begun": self.begun, "tried": np.array(self.tried)}
+
+    def resume(self, state: dict[str, np.ndarray]) -> None:
+        """Go on as those that gave `state` would have."""
+        self.lanes, self.mix = aligned_copy(state["lanes"]), state["mix"]
+        self.mixed, self.begun, self.tried = bool(state["mixed"]), state["begun"], int(state["tried"])
+
+    @property
+    def count(self) -> int:
+        """Number of columns."""
+        return self.mix.shape[1]
+
+    def states(self, part: slice = slice(None)) -> np.ndarray:
+        """(columns, M, ...) float32, those numbers of the states that are in `part`."""
+        apart = self.lanes[:, :, part].transpose(0, 3, 1, 2)
+        return apart.reshape(-1, *apart.shape[2:])[: self.count]
+
+    def _append(self, mix: np.ndarray) -> None:
+        """Columns that begin with no change; `mix` (B, new) is the directions' share in them."""
+        groups = -(-(self.count + mix.shape[1]) // self.width)
+        lanes = aligned_zeros((groups, *self.lanes.shape[1:]), np.float32)
+        lanes[: len(self.lanes)] = self.lanes
+        self.lanes, self.mix = lanes, np.concatenate([self.mix, mix], axis=1)
+
+    def _fewer(self, frame_dt: float) -> tuple[np.ndarray, np.ndarray]:
+        """The fewest columns that give the directions' places and what a frame makes of their velocities, but for what is dropped.
+
+        Returns:
+            (columns, fewer) how the present columns are mixed to those, and (B, fewer) how the directions are mixed from them.
+        """
+        orthonormal, weight = np.linalg.qr(self.mix)
+        motions = np.stack([self.states(PLACE), np.float32(frame_dt) * self.states(VELOCITY)]).astype(np.float64)
+        motions = motions.swapaxes(0, 1).reshape(self.count, -1)
+        power, modes = np.linalg.eigh(weight @ (motions @ motions.T) @ weight.T)  # squares of the singular values, ascending
+        modes = modes[:, power > LEAST**2 * power[-1]]
+        return weight.T @ modes, orthonormal @ modes
+
+    def _replace(self, by: np.ndarray, mix: np.ndarray) -> None:
+        """Carry mixtures of the columns from now on, as `_fewer` gives them."""
+        states = (by.T.astype(np.float32) @ self.states().reshape(self.count, -1)).reshape(-1, self.particles, STATE)
+        groups = -(-len(states) // self.width)
+        padded = np.zeros((groups * self.width, self.particles, STATE), np.float32)
+        padded[: len(states)] = states
+        self.lanes, self.mix = aligned((groups, self.particles, STATE, self.width), np.float32), mix
+        self.lanes[...] = padded.reshape(groups, self.width, self.particles, STATE).transpose(0, 2, 3, 1)
+
+    def _begin(self, new: np.ndarray) -> None:
+        """Give the first columns, of the directions `new`, what they change in the start; those of later frames change nothing there."""
+        for part, values in self.start:
+            padded = np.zeros((len(self.lanes) * self.width, self.particles, part.stop - part.start), np.float32)
+            padded[: len(new)] = values[new].reshape(len(new), self.particles, -1)
+            self.lanes[:, :, part] = padded.reshape(-1, self.width, *padded.shape[1:]).transpose(0, 2, 3, 1)
