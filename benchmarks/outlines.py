@@ -83,7 +83,7 @@ def case_of(name: str, shared: Path, folder: Path) -> Case:
     if entry := (DRAWN | HELD_OUT).get(name):
         clip, first = shared / "clips" / entry["file"], entry["frames"][0]
         if not clip.exists():
-            where = "outlines_held_out.toml" if name in HELD_OUT else "its README"
+            where = "the TOML file with its outlines" if "sha256" in entry else "its README"
             sys.exit(f"{name}: there is no clip at {clip}; {where} says where it is from.")
         truth = {one["frame"] - first: hand_drawn(one, shape_of(clip)) for one in entry["outline"]}
         return Case(clip, tuple(entry["frames"]), truth)
