@@ -43,6 +43,9 @@ SHADOW = (0.4, 2.5)
 FIRST_SIGHTS = 3
 """Frames that must agree with frame 0 on what is behind the object where the median does not."""
 
+SIGHTS = 3
+"""Sights of a pixel of the background: the least of which a median can drop one that is wrong."""
+
 LONGEST_MEDIAN = 31
 """Frames that enter a temporal median, spread over the clip: more cost memory and change nothing."""
 
@@ -240,18 +243,20 @@ def seen_first(plate: Plate, frames: Frames, mask: np.ndarray, around: np.ndarra
 def plate_behind(frames: Frames, masks: Masks, before: Plate, median: np.ndarray, progress: Progress) -> Plate:
     """A better plate once the object's `masks` (T+1, H, W) are known: trusted where the object ever leaves and what is seen then agrees."""
     color = clean_plate(frames, masks, median, progress)
-    grow = np.ones((9, 9), np.uint8)
     seen = masks.windows[masks.windows[:, 2] > 0].astype(int)
     x0, y0, x1, y1 = within((*(seen[:, :2].min(axis=0) - 4), *(seen[:, 2:].max(axis=0) + 4)), color)
     part = np.s_[y0:y1, x0:x1]
-    leaves, agree = np.zeros((2, y1 - y0, x1 - x0), np.int32)
+    # Once for what lies outside the silhouette, once for what lies outside the whole of it.
+    leaves, agree = np.zeros((2, 2, y1 - y0, x1 - x0), np.int32)
     for t, mask in enumerate(masks):
         progress.check()
-        off = cv2.dilate(mask[part].astype(np.uint8), grow) == 0
+        off = np.stack([~grown(mask)[part], ~enclosed(mask)[part]])
         leaves += off
         agree += off & (largest(cv2.absdiff(frames[t, y0:y1][:, x0:x1], color[part])) < 4.0 * before.noise)
-    # Three sights of a pixel are the least of which a median can drop one that is wrong. Where they do not agree, the object was missed.
-    steady, reliable = (leaves >= 3) & (agree > STEADY_PART * leaves), before.reliable.copy()
+    clear = leaves[1] >= SIGHTS
+    leaves, agree = np.where(clear, leaves[1], leaves[0]), np.where(clear, agree[1], agree[0])
+    # Where the sights do not agree, the object was missed.
+    steady, reliable = (leaves >= SIGHTS) & (agree > STEADY_PART * leaves), before.reliable.copy()
     reliable[part] = np.where(leaves < len(masks), steady, reliable[part])
     return Plate(color, reliable, before.noise)
 
@@ -263,12 +268,12 @@ def clean_plate(frames: Frames, masks: Masks, median: np.ndarray | None, progres
     in which a pixel is off the (slightly grown) object. A moving camera, without `median`: frame 0. Pixels that the object never leaves
     are inpainted (Telea 2004).
     """
-    grow = np.ones((9, 9), np.uint8)
     if median is None:
-        hidden = cv2.dilate(masks[0].astype(np.uint8), grow)
-        return cv2.inpaint(frames[0], hidden, 5, cv2.INPAINT_TELEA)
+        return cv2.inpaint(frames[0], grown(masks[0]).astype(np.uint8), 5, cv2.INPAINT_TELEA)
     chosen = np.unique(np.linspace(0, len(frames) - 1, min(LONGEST_MEDIAN, len(frames))).astype(int))
-    covered = np.stack([cv2.dilate(masks[t].astype(np.uint8), grow) > 0 for t in chosen])
+    covered = np.stack([grown(masks[t]) for t in chosen])
+    whole = np.stack([enclosed(masks[t]) for t in chosen])
+    covered = np.where((~whole).sum(axis=0) >= SIGHTS, whole, covered)
     ever, color = covered.any(axis=0), median.copy()
     if not ever.any():
         return color
@@ -282,6 +287,19 @@ def clean_plate(frames: Frames, masks: Masks, median: np.ndarray | None, progres
     never = covered.all(axis=0).astype(np.uint8)
     progress.check()
     return cv2.inpaint(color, never, 5, cv2.INPAINT_TELEA) if never.any() else color
+
+
+def grown(mask: np.ndarray) -> np.ndarray:
+    """`mask` (H, W) bool with what lies up to four pixels beside it, where a blurred rim and a codec's traces still show the object."""
+    return cv2.dilate(mask.astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
+
+
+def enclosed(mask: np.ndarray) -> np.ndarray:
+    """The convex hull (H, W) bool of `mask` (H, W) bool, `grown`: all that the object may hide if parts of it were missed."""
+    filled = mask.astype(np.uint8)
+    if mask.any():
+        cv2.fillConvexPoly(filled, cv2.convexHull(cv2.findNonZero(filled)), 1)
+    return grown(filled)
 
 
 def _masked_median(block: np.ndarray, covered: np.ndarray) -> np.ndarray:
