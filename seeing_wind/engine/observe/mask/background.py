@@ -298,7 +298,8 @@ def enclosed(mask: np.ndarray) -> np.ndarray:
     """The convex hull (H, W) bool of `mask` (H, W) bool, `grown`: all that the object may hide if parts of it were missed."""
     filled = mask.astype(np.uint8)
     if mask.any():
-        cv2.fillConvexPoly(filled, cv2.convexHull(cv2.findNonZero(filled)), 1)
+        outlines, _ = cv2.findContours(filled, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+        cv2.fillConvexPoly(filled, cv2.convexHull(np.concatenate(outlines)), 1)
     return grown(filled)
 
 

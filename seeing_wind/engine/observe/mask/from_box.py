@@ -12,7 +12,7 @@ import numpy as np
 from ...errors import ObjectError, UsageError
 from ...progress import Progress
 from ..clip.stored import Frames
-from .background import Plate, largest
+from .background import Plate, enclosed, largest
 from .cutting import LEAST_PIXELS, grab_cut, tidy
 from .evidence import OUTSIDE, Colors, Contrast, against_plate, against_shape, band_of, cut_out
 from .motion import Window, cut, paste, window_of, within
@@ -211,7 +211,9 @@ def refined(
     colors = Colors(crop[shape], crop[~near]).odds(crop)
     odds, known = against_plate(frame, plate, window, contrast or Contrast(plate, [(frame, mask)]), STILL_PART)
     # What never changes may be a part of the object that is held: its colour can outweigh that, here alone.
-    odds = 0.5 * against_shape(shape, band) + np.where(known, odds + 0.6 * colors, colors + np.where(motion > 0.0, BLEEDS, 1.0) * motion)
+    expected = against_shape(shape, band)
+    expected = np.where(enclosed(shape), np.maximum(expected, 0.0), expected)
+    odds = 0.5 * expected + np.where(known, odds + 0.6 * colors, colors + np.where(motion > 0.0, BLEEDS, 1.0) * motion)
     odds[~cut(allowed, window, cv2.BORDER_CONSTANT)] = OUTSIDE
     found = tidy(cut_out(odds, crop), shape)
     better = np.zeros_like(mask)
