@@ -250,7 +250,7 @@ def plate_behind(frames: Frames, masks: Masks, before: Plate, median: np.ndarray
     leaves, agree = np.zeros((2, 2, y1 - y0, x1 - x0), np.int32)
     for t, mask in enumerate(masks):
         progress.check()
-        off = np.stack([~grown(mask)[part], ~enclosed(mask)[part]])
+        off = np.stack([~grown(mask)[part], ~grown(enclosed(mask))[part]])
         leaves += off
         agree += off & (largest(cv2.absdiff(frames[t, y0:y1][:, x0:x1], color[part])) < 4.0 * before.noise)
     clear = leaves[1] >= SIGHTS
@@ -272,7 +272,7 @@ def clean_plate(frames: Frames, masks: Masks, median: np.ndarray | None, progres
         return cv2.inpaint(frames[0], grown(masks[0]).astype(np.uint8), 5, cv2.INPAINT_TELEA)
     chosen = np.unique(np.linspace(0, len(frames) - 1, min(LONGEST_MEDIAN, len(frames))).astype(int))
     covered = np.stack([grown(masks[t]) for t in chosen])
-    whole = np.stack([enclosed(masks[t]) for t in chosen])
+    whole = np.stack([grown(enclosed(masks[t])) for t in chosen])
     covered = np.where((~whole).sum(axis=0) >= SIGHTS, whole, covered)
     ever, color = covered.any(axis=0), median.copy()
     if not ever.any():
@@ -295,12 +295,12 @@ def grown(mask: np.ndarray) -> np.ndarray:
 
 
 def enclosed(mask: np.ndarray) -> np.ndarray:
-    """The convex hull (H, W) bool of `mask` (H, W) bool, `grown`: all that the object may hide if parts of it were missed."""
+    """The convex hull (H, W) bool of `mask` (H, W) bool: all that the object may hide if parts of it were missed."""
     filled = mask.astype(np.uint8)
     if mask.any():
         outlines, _ = cv2.findContours(filled, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
         cv2.fillConvexPoly(filled, cv2.convexHull(np.concatenate(outlines)), 1)
-    return grown(filled)
+    return filled > 0
 
 
 def _masked_median(block: np.ndarray, covered: np.ndarray) -> np.ndarray:

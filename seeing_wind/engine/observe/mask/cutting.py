@@ -13,6 +13,10 @@ LEAST_PIXELS = 12
 SPECK = 0.03
 """Part of the largest piece below which another piece is nothing."""
 
+HOLE = 0.1
+"""Part of an object up to which a hole in it is a mistake: a smooth thing's middle looks as if it stood still, and a see-through one's like
+what is behind it."""
+
 GRABCUT_PIXELS = 120_000
 """Region size beyond which GrabCut runs on a smaller copy: its time grows faster than its accuracy."""
 
@@ -58,8 +62,8 @@ def tidy(mask: np.ndarray, near: np.ndarray | None = None) -> np.ndarray:
 
 
 def _without_holes(kept: np.ndarray) -> np.ndarray:
-    """`kept` (h, w) bool with its small holes filled."""
+    """`kept` (h, w) bool with its holes filled up to HOLE."""
     holes, labels, stats, _ = cv2.connectedComponentsWithStats((~kept).astype(np.uint8), connectivity=4)
-    small = stats[:, cv2.CC_STAT_AREA] < 0.02 * kept.sum()
+    small = stats[:, cv2.CC_STAT_AREA] < HOLE * kept.sum()
     small[0] = False
     return kept | small[labels] if holes > 1 and small.any() else kept

@@ -104,7 +104,7 @@ class Contrast:
             shape = _unshaded(cut(mask, window, cv2.BORDER_CONSTANT), classes % 3 > 0).astype(np.uint8)
             # The rim is both.
             inside.append(classes[(cv2.erode(shape, np.ones((3, 3), np.uint8)) > 0) & known])
-            beside.append(classes[~(enclosed(shape)) & (cv2.dilate(shape, np.ones((5, 5), np.uint8)) == 0) & known])
+            beside.append(classes[(cv2.dilate(shape, np.ones((5, 5), np.uint8)) == 0) & ~enclosed(shape) & known])
         front = self._learnt(np.concatenate(inside), self._usual(*FRONT, 1.0))
         behind = self._learnt(np.concatenate(beside), self._usual(*BEHIND, 0.5))
         self._odds = np.zeros(256, np.float32)  # as OpenCV wants its tables
