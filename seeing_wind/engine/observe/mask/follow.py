@@ -27,6 +27,9 @@ CARRIED, CARRIED_BLIND = 2.0, 1.2
 """Most log odds for the silhouette that was carried on, where the background is known and where only colours speak, which are less sure:
 what is wrong in it goes away again."""
 
+WHOLE, SURELY = 0.8, 2.0
+"""Part of the object's largest silhouette below which the rest of it is looked for, and log odds against the background that it has to have."""
+
 FILTERS = 8
 """Pixels that filters reach beyond what they are asked for."""
 
@@ -76,6 +79,7 @@ class MaskFollower:
         self._template = cut(frame, self._shape_window).copy()
         self._steps = 0
         self._missed = 0
+        self._most = float(mask.sum())
         self._veil = Veil(mask)
         self.mask = mask
         self.velocity = np.zeros(2)
@@ -102,6 +106,11 @@ class MaskFollower:
         carried, where = self._carry(shift, margin)
         carried, where = self._with_what_is_out_again(frame, carried, where)
         found, background = self._silhouette(frame, carried, where)
+        if self._lost_part(found):
+            again, wide = self._grown_back(frame, found, where)
+            if again.sum() > found.sum():
+                found, background = self._silhouette(frame, again, wide)
+                where = wide
         self._veil.keep(self._moved(motion, where), found, background, where)
         self._remember(frame, gray, shift, carried, found, where)
         mask = np.zeros(gray.shape, bool)
@@ -121,15 +130,16 @@ class MaskFollower:
             "shape_window": np.array(self._shape_window),
             "template": self._template,
             "velocity": self.velocity,
-            "counts": np.array([self._steps, self._missed, self.hidden]),
+            "counts": np.array([self._steps, self._missed, self.hidden, self._most]),
         } | self._veil.state() | (self._kept.state() if self._kept is not None else {})
 
     def resume(self, frame: np.ndarray, mask: np.ndarray, state: dict[str, np.ndarray]) -> None:
         """See `through.Follower.resume`."""
         x0, y0, x1, y1 = (int(value) for value in state["shape_window"])
-        steps, missed, hidden = (int(value) for value in state["counts"])
+        steps, missed, hidden, most = (int(value) for value in state["counts"])
         self._shape, self._shape_window, self._template = state["shape"], (x0, y0, x1, y1), state["template"]
-        self._steps, self._missed, self.hidden, self.velocity = steps, missed, hidden > 0, state["velocity"]
+        self._steps, self._missed, self._most = steps, missed, float(most)
+        self.hidden, self.velocity = hidden > 0, state["velocity"]
         self._gray, self.mask, self.flow = cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY), mask, None
         self._veil.resume(state)
         if self._kept is not None:
@@ -217,6 +227,30 @@ class MaskFollower:
                 paste(background, seen[1] & (seen[0] < 0.0), near)
             paste(found, self._cut_out(frame, cut(carried, near, cv2.BORDER_CONSTANT), around, band, seen), near)
         return found, background
+
+    def _lost_part(self, found: np.ndarray) -> bool:
+        """Whether much less is `found` (h, w) bool than was seen of the object at one time."""
+        self._most = max(self._most, float(found.sum()))
+        return SMALL < found.sum() < WHOLE * self._most
+
+    def _grown_back(self, frame: np.ndarray, found: np.ndarray, where: Window) -> tuple[np.ndarray, Window]:
+        """`found` (h, w) bool in the window `where` with what adjoins it, surely is no background and has its colours, in a larger window.
+
+        A silhouette goes astray where an object turns edge-on or folds, and what comes out then lies farther away than it can be off.
+        """
+        reach = int(0.5 * np.sqrt(self._most))
+        near = window_of(found, reach)
+        wide = within((near[0] + where[0], near[1] + where[1], near[2] + where[0], near[3] + where[1]), frame)
+        own = placed(found, where, wide)
+        seen = self._against_plate(frame, wide)
+        if seen is None:
+            return found, where
+        behind, known = seen
+        sure = known & (behind > SURELY) & (self._colors.odds(cut(frame, wide)) > 0.0)
+        core = cv2.morphologyEx(sure.astype(np.uint8), cv2.MORPH_OPEN, np.ones((5, 5), np.uint8)) > 0
+        _, labels = cv2.connectedComponents((core | own).astype(np.uint8), connectivity=4)
+        own_labels = np.unique(labels[own])
+        return np.isin(labels, own_labels[own_labels > 0]), wide
 
     def _against_plate(self, frame: np.ndarray, around: Window) -> tuple[np.ndarray, np.ndarray] | None:
         """What `against_plate` says in a window; None where no background is known, or in a window without area."""
