@@ -222,7 +222,7 @@ def seen_first(plate: Plate, frames: Frames, mask: np.ndarray, around: np.ndarra
     """
     chosen = np.unique(np.linspace(0, len(frames) - 1, min(LONGEST_MEDIAN, len(frames))).astype(int))
     away = largest(_grainless(cv2.absdiff(np.array(frames[0]), plate.color))) > 4.0 * plate.noise
-    stayed = cv2.morphologyEx((~away & enclosed(mask)).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
+    stayed = cv2.morphologyEx((~away & mask).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
     near = (cv2.dilate(mask.astype(np.uint8), np.ones((9, 9), np.uint8)) > 0) | around
     doubtful = (away | ~plate.reliable) & ~near
     plate = Plate(plate.color, plate.reliable & ~(around & ~mask & away), plate.noise)

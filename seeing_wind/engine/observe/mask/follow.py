@@ -11,7 +11,7 @@ from .cutting import LEAST_PIXELS, tidy
 from .evidence import Colors, Contrast, against_plate, against_shape, band_of, cut_out, trimmed
 from .flows import Flows
 from .motion import Flow, FlowSolver, Window, body_shift, cut, joined, middle_of, paste, placed, window_of, within
-from .veil import Veil, out_again
+from .veil import Beside, Veil, out_again
 
 SMALL = 400
 """Pixels below which an object has too few colours and too small an inside for flow and GrabCut."""
@@ -29,6 +29,9 @@ what is wrong in it goes away again."""
 
 WHOLE, SURELY = 0.8, 2.0
 """Part of the object's largest silhouette below which the rest of it is looked for, and log odds against the background that it has to have."""
+
+APART = 4.0
+"""Log odds against what moved otherwise beside the object in the frame before."""
 
 FILTERS = 8
 """Pixels that filters reach beyond what they are asked for."""
@@ -81,6 +84,7 @@ class MaskFollower:
         self._missed = 0
         self._most = float(mask.sum())
         self._veil = Veil(mask)
+        self._beside = Beside()
         self.mask = mask
         self.velocity = np.zeros(2)
         self.hidden = False
@@ -103,6 +107,7 @@ class MaskFollower:
         self._progress.check()
         motion = self._motion(shift)
         self._veil.move(motion)
+        self._beside.move(self.flow, motion)
         carried, where = self._carry(shift, margin)
         carried, where = self._with_what_is_out_again(frame, carried, where)
         found, background = self._silhouette(frame, carried, where)
@@ -131,7 +136,7 @@ class MaskFollower:
             "template": self._template,
             "velocity": self.velocity,
             "counts": np.array([self._steps, self._missed, self.hidden, self._most]),
-        } | self._veil.state() | (self._kept.state() if self._kept is not None else {})
+        } | self._veil.state() | self._beside.state() | (self._kept.state() if self._kept is not None else {})
 
     def resume(self, frame: np.ndarray, mask: np.ndarray, state: dict[str, np.ndarray]) -> None:
         """See `through.Follower.resume`."""
@@ -142,6 +147,7 @@ class MaskFollower:
         self.hidden, self.velocity = hidden > 0, state["velocity"]
         self._gray, self.mask, self.flow = cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY), mask, None
         self._veil.resume(state)
+        self._beside.resume(state)
         if self._kept is not None:
             self._kept.resume(state)
 
@@ -226,6 +232,8 @@ class MaskFollower:
             if seen is not None:
                 paste(background, seen[1] & (seen[0] < 0.0), near)
             paste(found, self._cut_out(frame, cut(carried, near, cv2.BORDER_CONSTANT), around, band, seen), near)
+            if seen is not None:
+                self._beside.keep(seen[1] & (seen[0] > 0.0), cut(found, near, cv2.BORDER_CONSTANT), around)
         return found, background
 
     def _lost_part(self, found: np.ndarray) -> bool:
@@ -269,7 +277,11 @@ class MaskFollower:
             odds = np.minimum(odds, CARRIED_BLIND) + colors
         else:
             behind, known = plate
+            other = self._beside.over(where)
+            # Beside another thing that moves, what is no background may be either: there colours tell.
+            known = known & ~((behind > 0.0) & (cv2.dilate(other.astype(np.uint8), np.ones((9, 9), np.uint8)) > 0))
             odds = np.where(known, np.minimum(odds, CARRIED) + behind + BESIDE_PLATE * colors, np.minimum(odds, CARRIED_BLIND) + colors)
+            odds[other & ~carried] -= APART
         return tidy(cut_out(odds, crop), carried)
 
     def _remember(

@@ -1,4 +1,5 @@
-"""What something still in front of the object hides of it, carried along with what is seen, so that it is known again on the other side.
+"""What something still in front of the object hides of it, carried along with what is seen, so that it is known again on the other side;
+and what else moves beside the object, carried along too, so that it is known to be another thing where the two touch.
 
 Such a thing, a post or a branch, is a part of the background. Where it hides the object, the frame looks as the background does, and
 the carried silhouette ends. What comes out behind it lies farther away than a silhouette can be off, and would grow back slowly.
@@ -11,10 +12,16 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from .motion import Window, cut, joined, paste, placed, window_of
+from .motion import Flow, Window, cut, joined, paste, placed, window_of
 
 THICK = 5
 """Pixels across from which something hides a part: less is a rim that was carried on too far."""
+
+OTHERWISE = 1.0
+"""Pixels per frame by which a thing beside the object has to move otherwise: less is what dense flow is off by."""
+
+LARGE = 0.3
+"""Thickness of another thing beside the object, in units of the root of the object's area: less is the object's own, missed rim."""
 
 
 class Veil:
@@ -72,6 +79,52 @@ class Veil:
         x0, y0, x1, y1 = (int(value) for value in state["veil_window"])
         self._part, self._window, self._rest = state["veil"], (x0, y0, x1, y1), state["veil_rest"]
         self._clear = np.unpackbits(state["veil_clear"], count=self._clear.size).reshape(self._clear.shape) > 0
+
+
+class Beside:
+    """Another thing that moves beside the object: what differs from the background there and moves otherwise. It is not taken in where the
+    two touch."""
+
+    def __init__(self) -> None:
+        self._part, self._window = np.zeros((0, 0), bool), (0, 0, 0, 0)
+
+    def move(self, flow: Flow | None, motion: np.ndarray) -> None:
+        """Each pixel by the `flow` to the next frame; what moves by `motion` (2,) [px], as the object does, is dropped."""
+        if flow is None or not self._part.any():
+            self._part = np.zeros((0, 0), bool)
+            return
+        moved = flow.over(self._window)
+        rows, columns = np.nonzero(self._part & (np.linalg.norm(moved - motion.astype(np.float32), axis=2) > OTHERWISE))
+        margin = int(np.ceil(np.abs(moved).max())) + 1
+        x0, y0, x1, y1 = self._window
+        part = np.zeros((y1 - y0 + 2 * margin, x1 - x0 + 2 * margin), np.uint8)
+        step = np.rint(moved[rows, columns]).astype(np.int64)
+        part[rows + step[:, 1] + margin, columns + step[:, 0] + margin] = 1
+        # Pixels drift apart where it grows.
+        self._part = cv2.morphologyEx(part, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8)) > 0
+        self._window = (x0 - margin, y0 - margin, x1 + margin, y1 + margin)
+
+    def over(self, where: Window) -> np.ndarray:
+        """(h, w) bool in a window."""
+        return placed(self._part, self._window, where)
+
+    def keep(self, differs: np.ndarray, found: np.ndarray, where: Window) -> None:
+        """After a frame: what `differs` from the background and what is `found` to be the object, (h, w) bool in the window `where`."""
+        rest = (differs & ~found).astype(np.uint8)
+        thick = max(THICK, int(LARGE * np.sqrt(found.sum())))
+        core = cv2.morphologyEx(rest, cv2.MORPH_OPEN, np.ones((thick, thick), np.uint8))
+        count, labels = cv2.connectedComponents(rest, connectivity=4)
+        other = np.bincount(labels[core > 0], minlength=count) > 0
+        self._part, self._window = other[labels], where
+
+    def state(self) -> dict[str, np.ndarray]:
+        """All that the frames to come depend on."""
+        return {"beside": self._part, "beside_window": np.array(self._window)}
+
+    def resume(self, state: dict[str, np.ndarray]) -> None:
+        """Go on from what `state` gave."""
+        x0, y0, x1, y1 = (int(value) for value in state["beside_window"])
+        self._part, self._window = state["beside"], (x0, y0, x1, y1)
 
 
 def out_again(differs: np.ndarray, carried: np.ndarray, band: float) -> np.ndarray:
