@@ -2,12 +2,12 @@
 
     first_mask.py  in frame 0: from a PNG, points, a depth map, or what moves
     from_box.py    in frame 0: what moves together in a box
-    cutting.py     a region by its colours, and without specks
+    cutting.py     a region by its colours, without specks, and its hull
     evidence.py    what speaks for each pixel, in log odds
     corrected.py   the user's corrections in any frame, taken along to the others
     follow.py      carried from one frame to the next
     through.py     that through the whole clip
-    veil.py        what a still thing in front hides of it
+    veil.py        what a still thing in front hides of it, and what else moves beside it
     motion.py      how the object moved between two frames
     flows.py       that of a whole clip, found in one pass over it for the next
     by_turns.py    frame 0 and the background, each found by the other

@@ -14,6 +14,7 @@ from ...progress import Progress
 from ...records import Camera
 from ..clip.shake import surrounding_corners
 from ..clip.stored import Frames
+from .cutting import enclosed, grown
 from .motion import Window, cut, window_of, within
 
 STILL = 1.5
@@ -287,20 +288,6 @@ def clean_plate(frames: Frames, masks: Masks, median: np.ndarray | None, progres
     never = covered.all(axis=0).astype(np.uint8)
     progress.check()
     return cv2.inpaint(color, never, 5, cv2.INPAINT_TELEA) if never.any() else color
-
-
-def grown(mask: np.ndarray) -> np.ndarray:
-    """`mask` (H, W) bool with what lies up to four pixels beside it, where a blurred rim and a codec's traces still show the object."""
-    return cv2.dilate(mask.astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
-
-
-def enclosed(mask: np.ndarray) -> np.ndarray:
-    """The convex hull (H, W) bool of `mask` (H, W) bool: all that the object may hide if parts of it were missed."""
-    filled = mask.astype(np.uint8)
-    if mask.any():
-        outlines, _ = cv2.findContours(filled, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
-        cv2.fillConvexPoly(filled, cv2.convexHull(np.concatenate(outlines)), 1)
-    return filled > 0
 
 
 def _masked_median(block: np.ndarray, covered: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Cutting a region out of a frame by its colours, and tidying it."""
+"""Cutting a region out of a frame by its colours, tidying it, and what it may hide."""
 
 from __future__ import annotations
 
@@ -67,3 +67,17 @@ def _without_holes(kept: np.ndarray) -> np.ndarray:
     small = stats[:, cv2.CC_STAT_AREA] < HOLE * kept.sum()
     small[0] = False
     return kept | small[labels] if holes > 1 and small.any() else kept
+
+
+def grown(mask: np.ndarray) -> np.ndarray:
+    """`mask` (H, W) bool with what lies up to four pixels beside it, where a blurred rim and a codec's traces still show the object."""
+    return cv2.dilate(mask.astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
+
+
+def enclosed(mask: np.ndarray) -> np.ndarray:
+    """The convex hull (H, W) bool of `mask` (H, W) bool: all that the object may hide if parts of it were missed."""
+    filled = mask.astype(np.uint8)
+    if mask.any():
+        outlines, _ = cv2.findContours(filled, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+        cv2.fillConvexPoly(filled, cv2.convexHull(np.concatenate(outlines)), 1)
+    return filled > 0

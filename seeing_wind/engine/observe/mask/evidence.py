@@ -11,7 +11,8 @@ from collections.abc import Iterable
 import cv2
 import numpy as np
 
-from .background import Plate, enclosed
+from .background import Plate
+from .cutting import enclosed
 from .motion import Window, cut, paste, window_of
 
 DIFFERS = 3.0

@@ -11,7 +11,7 @@ from .cutting import LEAST_PIXELS, tidy
 from .evidence import Colors, Contrast, against_plate, against_shape, band_of, cut_out, trimmed
 from .flows import Flows
 from .motion import Flow, FlowSolver, Window, body_shift, cut, joined, middle_of, paste, placed, window_of, within
-from .veil import Beside, Veil, out_again
+from .veil import Beside, Veil, adjoining, out_again
 
 SMALL = 400
 """Pixels below which an object has too few colours and too small an inside for flow and GrabCut."""
@@ -28,7 +28,7 @@ CARRIED, CARRIED_BLIND = 2.0, 1.2
 what is wrong in it goes away again."""
 
 WHOLE, SURELY = 0.8, 2.0
-"""Part of the object's largest silhouette below which the rest of it is looked for, and log odds against the background that it has to have."""
+"""Part of the object's largest silhouette below which the rest of it is looked for, and its least log odds against the background."""
 
 APART = 4.0
 """Log odds against what moved otherwise beside the object in the frame before."""
@@ -111,11 +111,7 @@ class MaskFollower:
         carried, where = self._carry(shift, margin)
         carried, where = self._with_what_is_out_again(frame, carried, where)
         found, background = self._silhouette(frame, carried, where)
-        if self._lost_part(found):
-            again, wide = self._grown_back(frame, found, where)
-            if again.sum() > found.sum():
-                found, background = self._silhouette(frame, again, wide)
-                where = wide
+        found, background, where = self._with_what_grew_back(frame, found, background, where)
         self._veil.keep(self._moved(motion, where), found, background, where)
         self._remember(frame, gray, shift, carried, found, where)
         mask = np.zeros(gray.shape, bool)
@@ -236,29 +232,24 @@ class MaskFollower:
                 self._beside.keep(seen[1] & (seen[0] > 0.0), cut(found, near, cv2.BORDER_CONSTANT), around)
         return found, background
 
-    def _lost_part(self, found: np.ndarray) -> bool:
-        """Whether much less is `found` (h, w) bool than was seen of the object at one time."""
-        self._most = max(self._most, float(found.sum()))
-        return SMALL < found.sum() < WHOLE * self._most
+    def _with_what_grew_back(
+        self, frame: np.ndarray, found: np.ndarray, background: np.ndarray, where: Window
+    ) -> tuple[np.ndarray, np.ndarray, Window]:
+        """What `_silhouette` gave in the window `where`, found again from a larger shape where much less of the object is seen than once.
 
-    def _grown_back(self, frame: np.ndarray, found: np.ndarray, where: Window) -> tuple[np.ndarray, Window]:
-        """`found` (h, w) bool in the window `where` with what adjoins it, surely is no background and has its colours, in a larger window.
-
-        A silhouette goes astray where an object turns edge-on or folds, and what comes out then lies farther away than it can be off.
+        A silhouette goes astray where a sheet turns edge-on or folds, and what comes out then lies farther away than it can be off.
         """
-        reach = int(0.5 * np.sqrt(self._most))
-        near = window_of(found, reach)
-        wide = within((near[0] + where[0], near[1] + where[1], near[2] + where[0], near[3] + where[1]), frame)
-        own = placed(found, where, wide)
+        self._most = max(self._most, float(found.sum()))
+        if not SMALL < found.sum() < WHOLE * self._most:
+            return found, background, where
+        x0, y0, x1, y1 = window_of(found, int(0.5 * np.sqrt(self._most)))
+        wide = within((x0 + where[0], y0 + where[1], x1 + where[0], y1 + where[1]), frame)
         seen = self._against_plate(frame, wide)
         if seen is None:
-            return found, where
-        behind, known = seen
-        sure = known & (behind > SURELY) & (self._colors.odds(cut(frame, wide)) > 0.0)
-        core = cv2.morphologyEx(sure.astype(np.uint8), cv2.MORPH_OPEN, np.ones((5, 5), np.uint8)) > 0
-        _, labels = cv2.connectedComponents((core | own).astype(np.uint8), connectivity=4)
-        own_labels = np.unique(labels[own])
-        return np.isin(labels, own_labels[own_labels > 0]), wide
+            return found, background, where
+        sure = seen[1] & (seen[0] > SURELY) & (self._colors.odds(cut(frame, wide)) > 0.0)
+        again = adjoining(sure, placed(found, where, wide))
+        return (*self._silhouette(frame, again, wide), wide) if again.sum() > found.sum() else (found, background, where)
 
     def _against_plate(self, frame: np.ndarray, around: Window) -> tuple[np.ndarray, np.ndarray] | None:
         """What `against_plate` says in a window; None where no background is known, or in a window without area."""

@@ -12,8 +12,8 @@ import numpy as np
 from ...errors import ObjectError, UsageError
 from ...progress import Progress
 from ..clip.stored import Frames
-from .background import Plate, enclosed, largest
-from .cutting import LEAST_PIXELS, grab_cut, tidy
+from .background import Plate, largest
+from .cutting import LEAST_PIXELS, enclosed, grab_cut, tidy
 from .evidence import OUTSIDE, Colors, Contrast, against_plate, against_shape, band_of, cut_out
 from .motion import Window, cut, paste, window_of, within
 

@@ -140,3 +140,12 @@ def out_again(differs: np.ndarray, carried: np.ndarray, band: float) -> np.ndarr
     apart = np.bincount(labels[reached], minlength=count) == 0
     apart[0] = False
     return apart[labels]
+
+
+def adjoining(sure: np.ndarray, own: np.ndarray) -> np.ndarray:
+    """`own` (h, w) bool with the parts of `sure` (h, w) bool, THICK at least, that hang together with it."""
+    core = cv2.morphologyEx(sure.astype(np.uint8), cv2.MORPH_OPEN, np.ones((THICK, THICK), np.uint8)) > 0
+    count, labels = cv2.connectedComponents((core | own).astype(np.uint8), connectivity=4)
+    touching = np.bincount(labels[own], minlength=count) > 0
+    touching[0] = False
+    return touching[labels]
