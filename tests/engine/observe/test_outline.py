@@ -9,9 +9,12 @@ import numpy as np
 import pytest
 from scenes import noise, write_video
 
+from seeing_wind.engine.masks import Masks
 from seeing_wind.engine.observe import observe
-from seeing_wind.engine.observe.mask.background import Plate
+from seeing_wind.engine.observe.mask.background import Plate, plate_behind
+from seeing_wind.engine.observe.mask.cutting import tidy
 from seeing_wind.engine.observe.mask.evidence import Contrast, against_plate, against_shape, cut_out, trimmed
+from seeing_wind.engine.observe.mask.follow import MaskFollower
 from seeing_wind.engine.observe.mask.from_box import moving_in, moving_odds
 from seeing_wind.engine.progress import NoProgress
 from seeing_wind.engine.settings import ObserveSettings
@@ -74,6 +77,66 @@ def test_the_background_in_a_ring_s_hole_is_not_the_ring(tmp_path: Path) -> None
     found = np.asarray(observe(tmp_path / "clip.avi", ObserveSettings(box=box_of(rings[0]), distance=1.0), NoProgress()).masks)
     assert ((found & rings).sum(axis=(1, 2)) / (found | rings).sum(axis=(1, 2))).min() > 0.9
     assert not (found & (np.stack(away) < 9)).any()
+
+
+def test_a_small_hole_is_filled_and_a_large_one_is_not() -> None:
+    rows, columns = np.mgrid[:100, :100]
+    away = np.hypot(columns - 50, rows - 50)
+    for hole, filled in ((10.0, True), (20.0, False)):
+        ring = (away < 40) & (away >= hole)
+        assert tidy(ring)[50, 50] == filled
+
+
+def test_the_background_is_not_learnt_from_a_part_of_the_object_that_its_outline_missed() -> None:
+    wall = np.full((80, 160, 3), 90, np.uint8)
+    columns, rows = np.meshgrid(np.arange(160), np.arange(80))
+    away = np.stack([np.hypot(columns - 40 - 4 * t, rows - 40) for t in range(21)])
+    frames = np.where((away < 26)[..., None], np.uint8(150), wall)
+    found = Masks.of((away < 26) & (away >= 20))
+    median = np.median(frames, axis=0).astype(np.uint8)
+    before = Plate(median, np.zeros((80, 160), bool), 2.0)
+    plate = plate_behind(frames, found, before, median, NoProgress())
+    # The ring alone leaves its middle open in twelve frames, and what is seen there is the disc.
+    assert plate.reliable[40, 60:101].all() and (plate.color[40, 60:101] == 90).all()
+
+
+def test_what_was_lost_of_a_silhouette_grows_back_at_once() -> None:
+    rng = np.random.default_rng(8)
+    wall = noise(rng, (HEIGHT, WIDTH), (90, 96, 110), (120, 126, 140), 3.0)
+    skin = noise(rng, (HEIGHT, WIDTH), (150, 40, 30), (240, 120, 60), 1.5)
+    square = np.zeros((HEIGHT, WIDTH), bool)
+    square[40:140, 60:200] = True
+    frame = np.where(square[..., None], skin, wall).astype(np.uint8)
+    follower = MaskFollower(frame, square, Plate(wall.astype(np.uint8), np.ones_like(square), 2.0), NoProgress())
+    state = follower.state()
+    state |= {"shape": state["shape"][:, :40], "template": state["template"][:, :40], "shape_window": np.array([60, 40, 100, 140])}
+    part = square.copy()
+    part[:, 100:] = False
+    follower.resume(frame, part, state)
+    found = follower.advance(frame)
+    # By three bands of nine pixels and what filters reach alone, it would be half.
+    assert (found & square).sum() > 0.75 * square.sum() and not (found & ~square).any()
+
+
+def test_another_thing_that_touches_the_object_is_not_taken_in(tmp_path: Path) -> None:
+    """Two discs collide on a dark ground, and one pushes the other on."""
+    rng = np.random.default_rng(9)
+    ground = noise(rng, (HEIGHT, WIDTH), (16, 20, 14), (60, 66, 56), 3.0)
+    columns, rows = np.meshgrid(np.arange(WIDTH), np.arange(HEIGHT))
+    frames, masks = [], []
+    for t in range(24):
+        met, after = min(t, 10), max(t - 10, 0)
+        own = np.hypot(columns - 50 - 7.0 * met - 1.5 * after, rows - 90 + 2.5 * after) < 18
+        other = np.hypot(columns - 184 + 3.0 * met - 3.5 * after, rows - 90 - 5.5 * (10 - met) + 1.0 * after) < 18
+        frame = np.where(other[..., None], np.array([150, 90, 70]), ground)
+        frame = np.where(own[..., None], np.array([90, 110, 150]), frame)
+        frame = cv2.GaussianBlur(frame.astype(np.float64), (0, 0), 0.8) + rng.normal(0, 2, frame.shape)
+        frames.append(np.clip(frame, 0, 255).astype(np.uint8))
+        masks.append(own)
+    write_video(tmp_path / "clip.avi", frames, 30.0)
+    true = np.stack(masks)
+    found = np.asarray(observe(tmp_path / "clip.avi", ObserveSettings(box=box_of(true[0]), distance=1.0), NoProgress()).masks)
+    assert ((found & true).sum(axis=(1, 2)) / (found | true).sum(axis=(1, 2))).min() > 0.8
 
 
 def test_motion_tells_the_object_from_what_stands_still(tmp_path: Path) -> None:
