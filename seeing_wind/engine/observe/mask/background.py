@@ -15,7 +15,7 @@ from ...records import Camera
 from ..clip.shake import surrounding_corners
 from ..clip.stored import Frames
 from .cutting import enclosed, grown
-from .motion import Window, cut, window_of, within
+from .motion import Window, cut, passed, within
 
 STILL = 1.5
 """Pixels by which corners of the surroundings may move for the camera to count as standing still; the plate bears as much."""
@@ -244,14 +244,13 @@ def seen_first(plate: Plate, frames: Frames, mask: np.ndarray, around: np.ndarra
 def plate_behind(frames: Frames, masks: Masks, before: Plate, median: np.ndarray, progress: Progress) -> Plate:
     """A better plate once the object's `masks` (T+1, H, W) are known: trusted where the object ever leaves and what is seen then agrees."""
     color = clean_plate(frames, masks, median, progress)
-    seen = masks.windows[masks.windows[:, 2] > 0].astype(int)
-    x0, y0, x1, y1 = within((*(seen[:, :2].min(axis=0) - 4), *(seen[:, 2:].max(axis=0) + 4)), color)
+    x0, y0, x1, y1 = within(passed(masks, 4), color)
     part = np.s_[y0:y1, x0:x1]
     # Once for what lies outside the silhouette, once for what lies outside the whole of it.
     leaves, agree = np.zeros((2, 2, y1 - y0, x1 - x0), np.int32)
     for t, mask in enumerate(masks):
         progress.check()
-        off = np.stack([~grown(mask)[part], ~grown(enclosed(mask))[part]])
+        off = np.stack([~grown(mask[part]), ~grown(enclosed(mask[part]))])
         leaves += off
         agree += off & (largest(cv2.absdiff(frames[t, y0:y1][:, x0:x1], color[part])) < 4.0 * before.noise)
     clear = leaves[1] >= SIGHTS
@@ -266,26 +265,27 @@ def clean_plate(frames: Frames, masks: Masks, median: np.ndarray | None, progres
     """The clip without the object, (H, W, 3) uint8 RGB.
 
     Where the camera stands still, `median` (H, W, 3) is that of `median_plate`, and where the object comes, the median over the frames
-    in which a pixel is off the (slightly grown) object. A moving camera, without `median`: frame 0. Pixels that the object never leaves
-    are inpainted (Telea 2004).
+    in which a pixel is off its (slightly grown) hull, or off the object itself where those are too few. A moving camera, without `median`:
+    frame 0. Pixels that the object never leaves are inpainted (Telea 2004).
     """
     if median is None:
         return cv2.inpaint(frames[0], grown(masks[0]).astype(np.uint8), 5, cv2.INPAINT_TELEA)
     chosen = np.unique(np.linspace(0, len(frames) - 1, min(LONGEST_MEDIAN, len(frames))).astype(int))
-    covered = np.stack([grown(masks[t]) for t in chosen])
-    whole = np.stack([grown(enclosed(masks[t])) for t in chosen])
-    covered = np.where((~whole).sum(axis=0) >= SIGHTS, whole, covered)
-    ever, color = covered.any(axis=0), median.copy()
-    if not ever.any():
+    color = median.copy()
+    if not masks.windows[chosen].any():
         return color
-    x0, top, x1, bottom = window_of(ever, 0)
-    for block in _row_blocks(color[top:bottom, x0:x1], len(chosen)):
+    x0, top, x1, bottom = within(passed(masks, 4), color)
+    window = np.s_[top:bottom, x0:x1]
+    covered = np.stack([grown(masks[t][window]) for t in chosen])
+    whole = np.stack([grown(enclosed(masks[t][window])) for t in chosen])
+    covered = np.where((~whole).sum(axis=0) >= SIGHTS, whole, covered)
+    ever, inside = covered.any(axis=0), color[window]
+    for rows in _row_blocks(inside, len(chosen)):
         progress.check()
-        rows = slice(top + block.start, min(top + block.stop, bottom))
-        sights = np.stack([frames[int(t), rows][:, x0:x1] for t in chosen])
-        part = np.s_[rows, x0:x1]
-        color[part] = np.where(ever[part][..., None], _masked_median(sights, covered[:, rows, x0:x1]), color[part])
-    never = covered.all(axis=0).astype(np.uint8)
+        sights = np.stack([frames[int(t), top + rows.start : top + rows.stop][:, x0:x1] for t in chosen])
+        inside[rows] = np.where(ever[rows][..., None], _masked_median(sights, covered[:, rows]), inside[rows])
+    never = np.zeros(color.shape[:2], np.uint8)
+    never[window] = covered.all(axis=0)
     progress.check()
     return cv2.inpaint(color, never, 5, cv2.INPAINT_TELEA) if never.any() else color
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from ...progress import Progress
 from .background import Plate
-from .cutting import LEAST_PIXELS, tidy
+from .cutting import LEAST_PIXELS, grown, tidy
 from .evidence import Colors, Contrast, against_plate, against_shape, band_of, cut_out, trimmed
 from .flows import Flows
 from .motion import Flow, FlowSolver, Window, body_shift, cut, joined, middle_of, paste, placed, window_of, within
@@ -269,8 +269,9 @@ class MaskFollower:
         else:
             behind, known = plate
             other = self._beside.over(where)
-            # Beside another thing that moves, what is no background may be either: there colours tell.
-            known = known & ~((behind > 0.0) & (cv2.dilate(other.astype(np.uint8), np.ones((9, 9), np.uint8)) > 0))
+            if other.any():
+                # Beside another thing that moves, what is no background may be either: there colours tell.
+                known = known & ~((behind > 0.0) & grown(other))
             odds = np.where(known, np.minimum(odds, CARRIED) + behind + BESIDE_PLATE * colors, np.minimum(odds, CARRIED_BLIND) + colors)
             odds[other & ~carried] -= APART
         return tidy(cut_out(odds, crop), carried)

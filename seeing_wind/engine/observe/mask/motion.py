@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from ...masks import box_of
+from ...masks import Masks, box_of
 
 Window = tuple[int, int, int, int]
 """x0, y0, x1, y1 [px], the end exclusive; may reach outside the frame."""
@@ -64,6 +64,13 @@ def window_of(mask: np.ndarray, margin: int) -> Window:
     """The bounding box of `mask` (H, W) bool, `margin` pixels wider on each side."""
     x0, y0, x1, y1 = box_of(mask)
     return x0 - margin, y0 - margin, x1 + margin, y1 + margin
+
+
+def passed(masks: Masks, margin: int) -> Window:
+    """The smallest window that holds all `masks` (T+1, H, W), of which one at least is not empty, `margin` pixels wider on each side."""
+    seen = masks.windows[masks.windows[:, 2] > 0].astype(int)
+    (x0, y0), (x1, y1) = seen[:, :2].min(axis=0) - margin, seen[:, 2:].max(axis=0) + margin
+    return int(x0), int(y0), int(x1), int(y1)
 
 
 def joined(window: Window, other: Window | None) -> Window:

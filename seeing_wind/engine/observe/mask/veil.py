@@ -112,6 +112,9 @@ class Beside:
         """After a frame: what `differs` from the background and what is `found` to be the object, (h, w) bool in the window `where`."""
         rest = (differs & ~found).astype(np.uint8)
         thick = max(THICK, int(LARGE * np.sqrt(found.sum())))
+        if rest.sum() < thick * thick:
+            self._part = np.zeros((0, 0), bool)
+            return
         core = cv2.morphologyEx(rest, cv2.MORPH_OPEN, np.ones((thick, thick), np.uint8))
         count, labels = cv2.connectedComponents(rest, connectivity=4)
         other = np.bincount(labels[core > 0], minlength=count) > 0
