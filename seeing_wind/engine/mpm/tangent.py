@@ -87,7 +87,7 @@ def tangents(
         coefficients: (T, P, 3) [m/s²].
         changes: directions.
         journal: keeps how far the frames have come.
-        wanted: of the changes in each frame, from the first one on.
+        wanted: of the changes in each frame; asked for frame 0 with no changes, too, which tells its shape.
 
     Returns:
         positions (T+1, N, 3) [m], and what is wanted of their changes (B, T+1, ...), single precision; zero in frame 0.

@@ -12,14 +12,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..kernels.carry import STATE
-from ..kernels.native import aligned, aligned_copy, aligned_zeros
+from ..kernels.native import aligned_copy, aligned_zeros
 
 LEAST = 1e-5
 """Singular values below this share of the largest one are dropped: a motion of a metre that is wrong by a hundredth of a millimetre."""
 
 
 WORTH = 0.7
-"""Part of the columns from which on fewer are worth their mixing."""
+"""Mixtures are carried once there are fewer of them than this share of the directions; else mixing costs more than it saves."""
 VELOCITY, SPIN, PLACE = slice(0, 3), slice(3, 12), slice(21, 24)
 """Of a state: of the velocity, of its gradient, of the place."""
 
@@ -37,7 +37,7 @@ class Columns:
         self.mixed = False
         """Whether columns are no longer directions."""
         self.tried = 0
-        """Columns that were as many as what they did differed, at last."""
+        """How many columns there were when fewer were last looked for in vain."""
         self.begun = np.zeros(directions, bool)
         for _, values in start:
             self.begun |= (values != 0.0).reshape(directions, -1).any(axis=1)
@@ -117,15 +117,16 @@ class Columns:
     def _replace(self, by: np.ndarray, mix: np.ndarray) -> None:
         """Carry mixtures of the columns from now on, as `_fewer` gives them."""
         states = (by.T.astype(np.float32) @ self.states().reshape(self.count, -1)).reshape(-1, self.particles, STATE)
-        groups = -(-len(states) // self.width)
-        padded = np.zeros((groups * self.width, self.particles, STATE), np.float32)
-        padded[: len(states)] = states
-        self.lanes, self.mix = aligned((groups, self.particles, STATE, self.width), np.float32), mix
-        self.lanes[...] = padded.reshape(groups, self.width, self.particles, STATE).transpose(0, 2, 3, 1)
+        self.lanes, self.mix = aligned_copy(self._in_lanes(states)), mix
 
     def _begin(self, new: np.ndarray) -> None:
         """Give the first columns, of the directions `new`, what they change in the start; those of later frames change nothing there."""
         for part, values in self.start:
-            padded = np.zeros((len(self.lanes) * self.width, self.particles, part.stop - part.start), np.float32)
-            padded[: len(new)] = values[new].reshape(len(new), self.particles, -1)
-            self.lanes[:, :, part] = padded.reshape(-1, self.width, *padded.shape[1:]).transpose(0, 2, 3, 1)
+            self.lanes[:, :, part] = self._in_lanes(values[new].reshape(len(new), self.particles, -1))
+
+    def _in_lanes(self, states: np.ndarray) -> np.ndarray:
+        """(columns, M, K) -> (groups, M, K, width), the last group's idle lanes zero."""
+        groups = -(-len(states) // self.width)
+        padded = np.zeros((groups * self.width, *states.shape[1:]), np.float32)
+        padded[: len(states)] = states
+        return padded.reshape(groups, self.width, *states.shape[1:]).transpose(0, 2, 3, 1)
