@@ -95,14 +95,17 @@ class Beside:
             return
         moved = flow.over(self._window)
         rows, columns = np.nonzero(self._part & (np.linalg.norm(moved - motion.astype(np.float32), axis=2) > OTHERWISE))
-        margin = int(np.ceil(np.abs(moved).max())) + 1
-        x0, y0, x1, y1 = self._window
-        part = np.zeros((y1 - y0 + 2 * margin, x1 - x0 + 2 * margin), np.uint8)
-        step = np.rint(moved[rows, columns]).astype(np.int64)
-        part[rows + step[:, 1] + margin, columns + step[:, 0] + margin] = 1
+        if not len(rows):
+            self._part = np.zeros((0, 0), bool)
+            return
+        to = np.stack([columns, rows], axis=1) + np.rint(moved[rows, columns]).astype(np.int64)
+        low, high = to.min(axis=0) - 2, to.max(axis=0) + 3
+        part = np.zeros((high - low)[::-1], np.uint8)
+        part[tuple((to - low).T[::-1])] = 1
         # Pixels drift apart where it grows.
         self._part = cv2.morphologyEx(part, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8)) > 0
-        self._window = (x0 - margin, y0 - margin, x1 + margin, y1 + margin)
+        x0, y0 = self._window[:2]
+        self._window = (x0 + int(low[0]), y0 + int(low[1]), x0 + int(high[0]), y0 + int(high[1]))
 
     def over(self, where: Window) -> np.ndarray:
         """(h, w) bool in a window."""
