@@ -30,6 +30,10 @@ from .tracks.tracker import ENOUGH, find_corners
 FEW_PATCHES = 900
 """Pixels (three tracking patches) below which a body's corners are nearly one and the same patch: losing some, all go."""
 
+SEEN_AT_ALL, COMING_BACK = 0.5, 0.5
+"""Corners seen in less than the first part of the clip's first half, of which more than the second part of those lost come back, are
+flickers of something see-through, shiny or blurred. On a body that turns, what is lost stays lost for half a turn."""
+
 SILHOUETTE = 0.02
 """A turning body's silhouette has its centroid off the body's own by about this part of its size."""
 
@@ -86,13 +90,22 @@ def follow(
     if given is not None:
         return masks, Tracks(*given, np.zeros(given[0].shape[1], bool))
     xy, visible, sigma = points.tracks()
+    # Later tracks do not count: only those of frame 0 say for certain where on the body they are.
+    early, half = visible[:, : len(corners)], max(2, len(frames) // 2)
+    enough = early.sum(axis=1) >= ENOUGH
+    last = bool(enough[seen].all())
+    few = not last and (enough[:half].mean() < 0.75 or masks[0].sum() < FEW_PATCHES)
+    if few or _flicker(early, half):
+        return masks, _centroid_alone(frames, masks, plate, progress)
     again = recognise(frames, masks, progress.part(0.9, 0.95)) if len(corners) >= ENOUGH and are_lost(visible) else None
     found = Tracks(xy, visible, sigma, np.zeros(xy.shape[1], bool), again)
-    # Later tracks do not count: only those of frame 0 say for certain where on the body they are.
-    enough = visible[:, : len(corners)].sum(axis=1) >= ENOUGH
-    if enough[seen].all():
-        return masks, found
-    return masks, _with_centroid(frames, masks, plate, found, enough, progress)
+    return masks, found if last else _with_centroid(frames, masks, plate, found, enough, progress)
+
+
+def _flicker(visible: np.ndarray, half: int) -> bool:
+    """Whether the corners `visible` (T+1, K) bool come and go where they should stay, see `COMING_BACK`; `half` of the frames."""
+    lost, back = visible[:-1] & ~visible[1:], ~visible[:-1] & visible[1:]
+    return bool(visible[:half].mean() < SEEN_AT_ALL and back.sum() > COMING_BACK * lost.sum())
 
 
 def _tell_lost(seen: np.ndarray, progress: Progress) -> None:
@@ -107,18 +120,22 @@ def _tell_lost(seen: np.ndarray, progress: Progress) -> None:
         progress.warn(f"The object is out of sight in {len(lost)} of {len(seen)} frames, first in {frame_named(lost[0])}.")
 
 
-def _with_centroid(frames: Frames, masks: Masks, plate: Plate | None, corners: Tracks, enough: np.ndarray, progress: Progress) -> Tracks:
-    """The silhouette's centroid instead of the corner tracks, or after them.
+def _centroid_alone(frames: Frames, masks: Masks, plate: Plate | None, progress: Progress) -> Tracks:
+    """The silhouette's centroid in place of corner tracks."""
+    place, visible, sigma = centroid_track(frames, masks, plate)
+    progress.warn(
+        "The object is too small or too plain, or its surface too fickle, for single points to be followed, so its silhouette's centroid "
+        "is: its rotation stays unknown."
+    )
+    return Tracks(place[:, None], visible[:, None], sigma[:, None], np.ones(1, bool))
 
-    Not `enough` (T+1,) corners for most of the clip's first half, or a tiny body: the centroid alone. Corners that turn out of sight
-    later (a sheet seen edge-on): the centroid joins where they are too few, with the larger sigma of a silhouette that turns.
+
+def _with_centroid(frames: Frames, masks: Masks, plate: Plate | None, corners: Tracks, enough: np.ndarray, progress: Progress) -> Tracks:
+    """The silhouette's centroid besides the corner tracks, in frames without `enough` (T+1,) bool of them.
+
+    Corners turn out of sight (a sheet seen edge-on), and the centroid has the larger sigma of a silhouette that turns.
     """
     place, visible, sigma = centroid_track(frames, masks, plate)
-    if enough[: max(2, len(frames) // 2)].mean() < 0.75 or masks[0].sum() < FEW_PATCHES:
-        progress.warn(
-            "The object is too small or too plain for single points, so its silhouette's centroid is followed: its rotation stays unknown."
-        )
-        return Tracks(place[:, None], visible[:, None], sigma[:, None], np.ones(1, bool))
     joins = visible & ~enough
     progress.warn(
         f"Too few points of the object are seen in {int((~enough).sum())} of {len(frames)} frames; "

@@ -244,3 +244,28 @@ def test_a_pattern_that_fades_hands_over_to_the_silhouette(tmp_path: Path) -> No
     assert not seen.on_centroid[:-1].any() and seen.on_centroid[-1]
     assert seen.visible[12:, -1].all() and not seen.visible[:8, -1].any()
     assert np.linalg.norm(seen.xy[12:, -1] - scene.centers[12:], axis=1).max() < 4.0
+
+
+@pytest.mark.parametrize(("glitter", "on_centroid"), [(0.3, False), (0.56, True)])
+def test_corners_that_only_flicker_give_way_to_the_silhouette(tmp_path: Path, glitter: float, on_centroid: bool) -> None:
+    """A part `glitter` of the body looks anew in every frame; enough corners are followed in each, but of the larger part none for long."""
+    t = np.arange(24)
+    rng = np.random.default_rng(6)
+
+    def pattern() -> np.ndarray:
+        return noise(rng, (160, 220), (60, 20, 10), (250, 160, 90), 1.6)
+
+    own, flashes = pattern(), [pattern() for _ in t]
+    clouds = [cv2.GaussianBlur(rng.standard_normal((160, 220)), (0, 0), 4.0) for _ in t]
+
+    def body(frame: int, dx: np.ndarray, dy: np.ndarray) -> np.ndarray:
+        flashing = (clouds[frame] > np.quantile(clouds[frame], 1.0 - glitter)) & (frame > 0)
+        return np.where(flashing[..., None], flashes[frame], np.roll(own, (2 * frame, 4 * frame), (0, 1)))
+
+    scene = painted_scene(tmp_path, np.stack([60 + 4.0 * t, 60 + 2.0 * t], axis=1), 0.0 * t, 34.0, body)
+    seen = observe(scene.path, ObserveSettings(box=scene.box, distance=1.0), NoProgress())
+    assert seen.on_centroid.all() == on_centroid
+    first = seen.visible[0]
+    moved = np.where(seen.visible[:, first, None], seen.xy[:, first] - seen.xy[:1, first], np.nan)
+    off = np.linalg.norm(np.nanmean(moved, axis=1) - (scene.centers - scene.centers[0]), axis=1)
+    assert off.max() < (1.5 if on_centroid else 0.6)
