@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import inspect
 import json
 import os
 import subprocess
@@ -13,7 +14,7 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.errors import UsageError
-from seeing_wind.engine.mpm.compiler import NAMES, choice, default_real, device, settings, ti
+from seeing_wind.engine.mpm.compiler import NAMES, choice, default_real, device, settings, ti, tracing
 
 ROOT = Path(__file__).resolve().parents[3]
 PRIVATE = {"_runtime", "lang", "get_runtime", "_primal"}
@@ -50,6 +51,14 @@ def test_the_worker_says_that_there_is_no_such_compiler(tmp_path):
     done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=300)
     said = json.loads(done.stdout.splitlines()[0])
     assert done.returncode == 2 and said["message"] == "There is no compiler 'abacus'." and "taichi or quadrants" in said["hint"]
+
+
+def test_frames_have_their_source_again_after_the_import_also_after_an_error():
+    with pytest.raises(ZeroDivisionError), tracing.declared_outside_classes():
+        here = inspect.getframeinfo(sys._getframe())
+        assert here.filename == __file__ and here.code_context == [""]
+        raise ZeroDivisionError
+    assert "code_context" in inspect.getframeinfo(sys._getframe()).code_context[0]
 
 
 def test_a_wrong_kernel_is_told_with_its_place():
