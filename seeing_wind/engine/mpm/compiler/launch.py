@@ -7,8 +7,9 @@ are those of its own `Kernel.launch_kernel`.
 
 from __future__ import annotations
 
-import contextlib
 import inspect
+from collections.abc import Callable
+from contextlib import AbstractContextManager, ExitStack
 from functools import partial
 from typing import Any
 
@@ -31,8 +32,9 @@ class Launcher:
         keeps: the arrays, until others come in their place. One for a whole process that sees each array once had better not.
         sooner: `compiled_sooner`.
         """
-        self.kernel, self.real, self.keeps = kernel, real, keeps
-        self.settings = [setting for setting, wanted in ((native_vectors, native), (compiled_sooner, sooner)) if wanted]
+        self.kernel, self.keeps = kernel, keeps
+        self.settings: list[Callable[[], AbstractContextManager[None]]] = [partial(compiled_in, real)]
+        self.settings += [setting for setting, wanted in ((native_vectors, native), (compiled_sooner, sooner)) if wanted]
         self.last: list[Any] = []
 
     def __call__(self, *args: Any) -> None:
@@ -47,8 +49,8 @@ class Launcher:
 
     def _prepare(self, args: tuple[Any, ...]) -> None:
         self.program = _runtime().prog
-        with contextlib.ExitStack() as settings:
-            for setting in (*self.settings, partial(compiled_in, self.real)):
+        with ExitStack() as settings:
+            for setting in self.settings:
                 settings.enter_context(setting())
             self.compiled, self.context = _compiled(self.program, self.kernel._primal, args)
         self.last = [None] * len(args)
