@@ -8,6 +8,7 @@ a collider has no such changes. Where there are many changes, a few mixtures of 
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import partial
 
@@ -20,7 +21,7 @@ from .body.columns import PLACE, SPIN, VELOCITY, Columns
 from .body.copies_run import CopiesRun, ends_of
 from .body.frame_run import Piece
 from .checks import check_state
-from .compiler.settings import compiled_in, contracted, native_vectors
+from .compiler.settings import compiled_in, compiled_sooner, contracted, native_vectors
 from .failure import diagnosis, failure
 from .kernels import linearise, substep
 from .kernels.carry import SOURCE, WIDTHS, carry
@@ -209,13 +210,14 @@ class _Carrier:
 
     def _linearise(self, pieces: list[Piece], force: np.ndarray) -> None:
         """Fills corner, record, flows, flow, inverse_mass and velocity from what the frame has kept."""
-        m, substeps, begin = self.model, len(self.boxes), 0
+        m, substeps, begin, flowing = self.model, len(self.boxes), 0, self.model.plastic
         self.nodes = int(np.prod(self.boxes[:, 3:].astype(np.int64), axis=1).max())
         self.inverse_mass = np.empty((substeps, self.nodes), np.float32)
         self.velocity = np.empty(3 * substeps * self.nodes, np.float32)
         for piece, end in zip(pieces, ends_of(len(pieces), substeps)):
             bounds = np.concatenate([np.zeros(3 * substep.CLAMP_LO, np.int32), piece.lo])
-            with contracted(), compiled_in(np.float64):
+            # Only what flows is so long that this is worth it; the rest would take a twentieth longer to run.
+            with contracted(), compiled_sooner() if flowing else nullcontext(), compiled_in(np.float64):
                 linearise.node_motion(
                     begin, end, self.body.capacity, LEAST_MASS * float(m.mass.min()), self.boxes, self.body.grid,
                     *piece.boundary, piece.lattice, bounds, self.inverse_mass, self.velocity,

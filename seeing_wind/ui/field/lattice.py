@@ -119,12 +119,15 @@ class SampledField:
         where = np.clip((places - low) / (high - low), 0.0, 1.0) * (counts - 1)
         corner = np.minimum(where.astype(int), counts - 2)
         t = where - corner
-        found = np.zeros((len(self.force), len(places), 3))
+        # All frames of a node side by side, to be copied at once.
+        nodes = np.ascontiguousarray(self.force.swapaxes(0, 1), dtype=np.float64).reshape(len(self.points), -1)
+        found = np.zeros((len(places), nodes.shape[1]))
         for offset in np.ndindex(2, 2, 2):
             weight = np.prod(np.where(offset, t, 1.0 - t), axis=1)
-            index = np.ravel_multi_index(tuple((corner + offset).T), tuple(counts))
-            found += weight[:, None] * self.force[:, index]
-        return found
+            part = nodes.take(np.ravel_multi_index(tuple((corner + offset).T), tuple(counts)), axis=0)
+            part *= weight[:, None]
+            found += part
+        return found.reshape(len(places), -1, 3).swapaxes(0, 1)
 
     def thinned(self) -> SampledField:
         """The coarsest lattice, each second node of the one before, that says the same (`ENOUGH`): most fields need far fewer nodes."""

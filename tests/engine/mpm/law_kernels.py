@@ -6,7 +6,7 @@
 import numpy as np
 
 from seeing_wind.engine.mpm.compiler import device, ti
-from seeing_wind.engine.mpm.compiler.settings import compiled_in
+from seeing_wind.engine.mpm.compiler.settings import compiled_in, compiled_sooner
 from seeing_wind.engine.mpm.laws import constitutive, plasticity
 
 array = ti.types.ndarray()
@@ -61,7 +61,7 @@ def _flow_adjoint(law: ti.i32, material: array, F: array, F_next_bar: array, F_b
 
 def _call(kernel, real, first, *arrays):
     device.start()
-    with compiled_in(real):
+    with compiled_sooner(), compiled_in(real):
         kernel(*first, *arrays)
 
 

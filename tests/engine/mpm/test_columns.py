@@ -19,16 +19,16 @@ from tests.engine.mpm.bodies import RUBBER, block
 FRAMES, MODES, WIDTH = 8, 4, 8
 
 
-@pytest.mark.parametrize("law", ["neo_hookean", "von_mises"])
-def test_many_changes_are_what_each_is_alone(law):
+@pytest.mark.parametrize("law, frames", [("neo_hookean", FRAMES), ("von_mises", 4)])
+def test_many_changes_are_what_each_is_alone(law, frames):
     """A block that bends, or flows: every mode and component in every frame, and a start that changes."""
     particles = block((4, 3, 5), pinned_below=0.008)
     material = replace(RUBBER, law=law, yield_stress=400.0 if law == "von_mises" else 0.0)
     model, _ = model_for(particles, material, 30.0, gravity=(0.0, 0.0, -2.0))
     basis, start = spatial_basis(particles.x, model.mass * ~particles.pinned, MODES), State.at_rest(particles.x)
-    force = 4.0 * np.random.default_rng(0).standard_normal((FRAMES, MODES, 3))
-    each = 3 * MODES * FRAMES
-    change = np.eye(each + 1)[:, :each].reshape(each + 1, FRAMES, MODES, 3)
+    force = 4.0 * np.random.default_rng(0).standard_normal((frames, MODES, 3))
+    each = 3 * MODES * frames
+    change = np.eye(each + 1)[:, :each].reshape(each + 1, frames, MODES, 3)
     velocity = np.zeros((each + 1, *start.x.shape))
     velocity[-1] = (0.02, 0.0, 0.0) * (particles.x[:, 2:] > 0.02)
     none = np.zeros((each + 1, len(start.x), 3, 3))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import inspect
 import json
 import os
 import subprocess
@@ -13,7 +14,7 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.errors import UsageError
-from seeing_wind.engine.mpm.compiler import NAMES, choice, default_real, device, settings, ti
+from seeing_wind.engine.mpm.compiler import NAMES, choice, default_real, device, settings, ti, tracing
 
 ROOT = Path(__file__).resolve().parents[3]
 PRIVATE = {"_runtime", "lang", "get_runtime", "_primal"}
@@ -52,6 +53,14 @@ def test_the_worker_says_that_there_is_no_such_compiler(tmp_path):
     assert done.returncode == 2 and said["message"] == "There is no compiler 'abacus'." and "taichi or quadrants" in said["hint"]
 
 
+def test_frames_have_their_source_again_after_the_import_also_after_an_error():
+    with pytest.raises(ZeroDivisionError), tracing.declared_outside_classes():
+        here = inspect.getframeinfo(sys._getframe())
+        assert here.filename == __file__ and here.code_context == [""]
+        raise ZeroDivisionError
+    assert "code_context" in inspect.getframeinfo(sys._getframe()).code_context[0]
+
+
 def test_a_wrong_kernel_is_told_with_its_place():
     @ti.kernel
     def wrong():
@@ -65,8 +74,13 @@ def test_a_wrong_kernel_is_told_with_its_place():
 
 def test_precision_and_settings_are_put_back_also_after_an_error():
     device.start()
-    before = default_real(), ti.cfg.fast_math, ti.cfg.real_matrix_scalarize
+
+    def now():
+        return default_real(), ti.cfg.fast_math, ti.cfg.real_matrix_scalarize, ti.cfg.opt_level, ti.cfg.cache_loop_invariant_global_vars
+
+    before = now()
     with pytest.raises(ZeroDivisionError), settings.compiled_in(np.float32), settings.contracted(), settings.native_vectors():
-        assert (default_real(), ti.cfg.fast_math, ti.cfg.real_matrix_scalarize) == (ti.f32, True, False)
-        raise ZeroDivisionError
-    assert (default_real(), ti.cfg.fast_math, ti.cfg.real_matrix_scalarize) == before == (ti.f64, False, True)
+        with settings.compiled_sooner():
+            assert now() == (ti.f32, True, False, 0, False)
+            raise ZeroDivisionError
+    assert now() == before == (ti.f64, False, True, 1, True)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.mpm.compiler import device, ti
-from seeing_wind.engine.mpm.compiler.settings import compiled_in
+from seeing_wind.engine.mpm.compiler.settings import compiled_in, compiled_sooner
 from seeing_wind.engine.mpm.lattice.conditions import SEPARATE, SLIP, STICKY, boundary_jacobian, boundary_velocity
 
 rows = ti.types.ndarray(ndim=2)
@@ -50,7 +50,7 @@ class Walls:
         bar = np.zeros_like(v) if v_out_bar is None else np.asarray(v_out_bar, real)
         out, back = np.empty_like(v), np.empty_like(v)
         arrays = [np.ascontiguousarray(array, real) for array in (self.clamp_velocity, self.planes, self.solid)]
-        with compiled_in(real):
+        with compiled_sooner(), compiled_in(real):
             velocities(real == np.float64, nodes, v, self.clamp, *arrays, out, bar, back)
         return out, back
 

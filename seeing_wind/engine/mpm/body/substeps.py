@@ -42,7 +42,8 @@ class Body:
         self.bounds = np.zeros(parallel.BOUNDS, np.int32)
         """lo, dims of the box of nodes in use, `Piece.lo`, then a number each, see `parallel`: what kernels look up, changed in place."""
         self.forward_kernel = Launcher(parallel_forward.substeps, self.real)
-        self.adjoint_kernel = Launcher(parallel_adjoint.substep_adjoint, self.real)
+        # That of an elastic body is compiled in a third of the time of a plastic one's, and would take a tenth longer to run.
+        self.adjoint_kernel = Launcher(parallel_adjoint.substep_adjoint, self.real, sooner=self.plastic)
 
     # -- frames ------------------------------------------------------------------------------------------------------------------
 

@@ -7,7 +7,7 @@ import os
 from typing import Any
 
 from ...errors import UsageError
-from .tracing import hasten
+from .tracing import declared_outside_classes, hasten
 
 NAMES = ("taichi", "quadrants")
 DEFAULT = "taichi"
@@ -32,7 +32,8 @@ NAME = chosen()
 # (Nor may stdout be another one meanwhile: they then take the shell for a graphical one and print after every launch.)
 for variable, value in (("ENABLE_TAICHI_HEADER_PRINT", "0"), ("TI_SKIP_VERSION_CHECK", "ON"), ("ENABLE_QUADRANTS_HEADER_PRINT", "0")):
     os.environ.setdefault(variable, value)
-ti: Any = importlib.import_module(NAME)
+with declared_outside_classes():
+    ti: Any = importlib.import_module(NAME)
 if NAME == "taichi":
     hasten()
 _runtime = importlib.import_module(f"{NAME}.lang.impl").get_runtime

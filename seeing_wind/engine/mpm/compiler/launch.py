@@ -7,14 +7,16 @@ are those of its own `Kernel.launch_kernel`.
 
 from __future__ import annotations
 
-import contextlib
 import inspect
+from collections.abc import Callable
+from contextlib import AbstractContextManager, ExitStack
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from .choice import NAME, _runtime, ti
-from .settings import compiled_in, native_vectors
+from .settings import compiled_in, compiled_sooner, native_vectors
 
 
 class Launcher:
@@ -24,12 +26,15 @@ class Launcher:
     its identity: what is in it may change.
     """
 
-    def __init__(self, kernel: Any, real: np.dtype, native: bool = True, keeps: bool = True) -> None:
+    def __init__(self, kernel: Any, real: np.dtype, native: bool = True, keeps: bool = True, sooner: bool = False) -> None:
         """kernel: a function decorated with ti.kernel; real: the precision to trace it in; native: with `native_vectors`.
 
         keeps: the arrays, until others come in their place. One for a whole process that sees each array once had better not.
+        sooner: `compiled_sooner`.
         """
-        self.kernel, self.real, self.native, self.keeps = kernel, real, native, keeps
+        self.kernel, self.keeps = kernel, keeps
+        self.settings: list[Callable[[], AbstractContextManager[None]]] = [partial(compiled_in, real)]
+        self.settings += [setting for setting, wanted in ((native_vectors, native), (compiled_sooner, sooner)) if wanted]
         self.last: list[Any] = []
 
     def __call__(self, *args: Any) -> None:
@@ -44,7 +49,9 @@ class Launcher:
 
     def _prepare(self, args: tuple[Any, ...]) -> None:
         self.program = _runtime().prog
-        with native_vectors() if self.native else contextlib.nullcontext(), compiled_in(self.real):
+        with ExitStack() as settings:
+            for setting in self.settings:
+                settings.enter_context(setting())
             self.compiled, self.context = _compiled(self.program, self.kernel._primal, args)
         self.last = [None] * len(args)
         annotations = [parameter.annotation for parameter in inspect.signature(self.kernel).parameters.values()]

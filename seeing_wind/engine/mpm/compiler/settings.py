@@ -42,6 +42,18 @@ def contracted() -> Iterator[None]:
 
 
 @contextlib.contextmanager
+def compiled_sooner() -> Iterator[None]:
+    """Kernels compiled inside are ready in a fifth of the time where they are long, and may take a little longer to run.
+
+    The compiler's own search for terms that occur twice takes time with the square of a kernel's length, nine tenths of all compiling
+    (docs/notebook/solver.md). Here that is left to LLVM, which finds the arithmetic but looks up anew, after every store, where an array
+    is. Without it one place in an array is computed by several statements, which `cache_loop_invariant_global_vars` takes for several.
+    """
+    with _set(opt_level=0, cache_loop_invariant_global_vars=False):
+        yield
+
+
+@contextlib.contextmanager
 def _set(**values: object) -> Iterator[None]:
     before = {name: getattr(ti.cfg, name) for name in values}
     try:

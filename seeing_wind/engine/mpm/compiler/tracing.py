@@ -8,9 +8,30 @@ source up again. Here no kernel belongs to a class, a place is a file, a line an
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import importlib
+import inspect
+from collections.abc import Iterator
 from typing import Any
+
+
+@contextlib.contextmanager
+def declared_outside_classes() -> Iterator[None]:
+    """For the import of Taichi, which declares a hundred functions and kernels of its own, all outside classes: frames are told without
+    their source. To find that takes longer the more modules there are: four fifths of the import, once torch is there.
+    """
+    usual = inspect.getframeinfo
+    inspect.getframeinfo = _without_source  # type: ignore[assignment]
+    try:
+        yield
+    finally:
+        inspect.getframeinfo = usual
+
+
+def _without_source(frame: Any, context: int = 1) -> inspect.Traceback:
+    """`inspect.getframeinfo` of a frame, with an empty line for that of the source."""
+    return inspect.Traceback(frame.f_code.co_filename, frame.f_lineno, frame.f_code.co_name, [""], 0)
 
 
 def hasten() -> None:

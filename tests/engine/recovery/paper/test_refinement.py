@@ -21,7 +21,7 @@ from tests.engine.recovery.bodies import FPS, RUBBER, WEIGHTLESS, blow, plate, p
 
 FRAMES = SEGMENT + 4
 SLOPE = np.array([[0.0, 5.0, 10.0], [0.0, 0.0, 8.0], [0.0, 0.0, 0.0]])
-REFINED = replace(WEIGHTLESS, refine=8)
+REFINED = replace(WEIGHTLESS, refine=5)
 
 
 @pytest.fixture(scope="module")
