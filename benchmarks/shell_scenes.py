@@ -8,8 +8,8 @@ nu, damping, fixed (V,), fps, gravity, name), and the truth: wind (T,V,3) m/s at
 as means over each frame. Every sheet begins flat, unstrained and at rest.
 
 The scenes dev_... are for development, r_... for reports: nothing in the engine was chosen on these. `KIND-SEED` is a random flag,
-curtain, fall or leaf in a random wind; seeds from 100 on are for reports. A scene's name with `_heavy` is the same sheet with twice the areal density in the same
-wind. `benchmarks/shell_checks.py` compares Newton's cloth with closed forms.
+curtain, fall or leaf in a random wind; seeds from 100 on are for reports. A scene's name with `_heavy` is the same sheet with twice the
+areal density in the same wind. `benchmarks/shell_checks.py` compares Newton's cloth with closed forms.
 """
 
 from __future__ import annotations
