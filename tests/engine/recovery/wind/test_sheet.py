@@ -181,7 +181,8 @@ def found_wind(cause, doubt):
     """4 m/s along x, as little known as that; more probable than a force of its own."""
     velocity = np.broadcast_to([4.0, 0.0, 0.0], (3, 5, 3))
     deviation, nothing = np.full(velocity.shape, doubt * 4.0 / np.sqrt(3.0)), np.zeros(velocity.shape)
-    return SheetEstimate(cause, velocity, deviation, velocity[0, 0], nothing, nothing, nothing, 0.1, 9.0 if cause == "wind" else 1.0, 5, True)
+    evidence = 9.0 if cause == "wind" else 1.0
+    return SheetEstimate(cause, velocity, deviation, velocity[0, 0], nothing, nothing, nothing, 0.1, evidence, 5, True)
 
 
 @pytest.mark.parametrize("doubt", [0.1, 0.3, 0.9])
