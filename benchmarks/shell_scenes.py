@@ -7,9 +7,9 @@ Writes FOLDER/SCENE.npz: what `recover-trajectories` reads of a shell (x (T+1,V,
 nu, damping, fixed (V,), fps, gravity, name), and the truth: wind (T,V,3) m/s at the vertices and force (T,V,3) N of the air on them, both
 as means over each frame. Every sheet begins flat, unstrained and at rest.
 
-The scenes dev_... are for development, r_... for reports: nothing in the engine was chosen on these. `flag-SEED` is a random flag in a
-random wind; seeds from 100 on are for reports. A scene's name with `_heavy` is the same sheet with twice the areal density in the same
-wind. `benchmarks/shell_checks.py` compares Newton's cloth with closed forms.
+The scenes dev_... are for development, r_... for reports: nothing in the engine was chosen on these. `KIND-SEED` is a random flag,
+curtain, fall or leaf in a random wind; seeds from 100 on are for reports. A scene's name with `_heavy` is the same sheet with twice the
+areal density in the same wind. `benchmarks/shell_checks.py` compares Newton's cloth with closed forms.
 """
 
 from __future__ import annotations
@@ -86,26 +86,73 @@ def random_flag(seed: int) -> Scene:
     rng.uniform()
     length = rng.uniform(0.6, 0.9)
     mean = (rng.uniform(3.5, 5.5), rng.uniform(-1.0, 1.0), rng.uniform(-0.3, 0.4))
-    waves = []
-    for _ in range(3):
-        way = rng.normal(size=3) * [1.0, 1.0, 0.5]
-        amplitude = 1.2 * rng.uniform(0.3, 0.8) * way / np.linalg.norm(way)
-        wave = rng.normal(size=3) * rng.uniform(0.5, 4.0)
-        waves.append(Wave(tuple(amplitude), tuple(wave), float(rng.choice([-1, 1]) * rng.uniform(3.0, 12.0)), rng.uniform(0.0, 6.28)))
-    vortices = ()
-    if seed % 2 == 0:
-        speed, start = rng.uniform(0.8, 1.5), rng.uniform(-1.5, -0.5, 3) * [1.0, 1.0, 0.2]
-        vortices = (Vortex(speed, 0.3, tuple(start), tuple(np.array([1.2, 0.6, 0.0]) * rng.uniform(0.6, 1.4))),)
+    wind = _random_wind(rng, seed, mean, 3, (1.0, 1.0, 0.5), 1.2)
     return Scene(
-        lambda: lattice(length, length * 2.0 / 3.0, length / 25.0), lambda x: x[:, 0] < 1e-6, Wind(mean, tuple(waves), vortices),
+        lambda: lattice(length, length * 2.0 / 3.0, length / 25.0), lambda x: x[:, 0] < 1e-6, wind,
         rng.uniform(0.1, 0.18), rng.uniform(1800.0, 2600.0), rng.uniform(3e-4, 6e-4),
     )  # fmt: skip
+
+
+def random_curtain(seed: int) -> Scene:
+    """A curtain, as `random_flag`; the wind comes from one of its sides for the most part."""
+    rng = np.random.default_rng([seed, sum(map(ord, "curtain"))])
+    length, width = rng.uniform(0.7, 1.0), rng.uniform(0.45, 0.65)
+    mean = (rng.uniform(-0.6, 0.6), float(rng.choice([-1, 1])) * rng.uniform(1.0, 1.8), rng.uniform(-0.2, 0.2))
+    wind = _random_wind(rng, seed, mean, 2, (0.3, 1.0, 0.3), 1.7)
+    return Scene(
+        lambda: hanging(length, width, length / 26.0), lambda x: x[:, 2] > -1e-6, wind,
+        rng.uniform(0.1, 0.2), rng.uniform(1800.0, 2600.0), rng.uniform(3e-4, 6e-4),
+    )  # fmt: skip
+
+
+def random_fall(seed: int) -> Scene:
+    """A free sheet that falls from a random attitude, as `random_flag`."""
+    rng = np.random.default_rng([seed, sum(map(ord, "fall"))])
+    length, width = rng.uniform(0.3, 0.45), rng.uniform(0.28, 0.34)
+    mean = (rng.uniform(-1.0, 1.0), rng.uniform(-1.0, 1.0), rng.uniform(0.4, 1.0))
+    wind = _random_wind(rng, seed, mean, 2, (1.0, 1.0, 1.0), 1.3)
+    attitude = (rng.uniform(0.8, 1.4), rng.uniform(-0.4, 0.4), rng.uniform(-0.4, 0.4))
+    return Scene(
+        lambda: turned(lattice(length, width, width / 15.0), attitude), none, wind,
+        rng.uniform(0.09, 0.15), rng.uniform(1500.0, 2200.0), rng.uniform(9e-4, 1.6e-3),
+    )  # fmt: skip
+
+
+def random_leaf(seed: int) -> Scene:
+    """A leaf that is held at its base, as `random_flag`."""
+    rng = np.random.default_rng([seed, sum(map(ord, "leaf"))])
+    length, width = rng.uniform(0.18, 0.27), rng.uniform(0.11, 0.13)
+    mean = (rng.uniform(0.4, 1.2), rng.uniform(0.9, 1.8), rng.uniform(0.9, 1.8))
+    wind = _random_wind(rng, seed, mean, 2, (0.6, 1.0, 1.0), 1.6)
+    attitude = (rng.uniform(0.3, 1.1), rng.uniform(-0.2, 0.2), rng.uniform(-0.4, 0.4))
+    return Scene(
+        lambda: turned(leaf(length, width, length / 24.0), attitude), lambda x: np.linalg.norm(x, axis=1) < 0.02, wind,
+        rng.uniform(0.22, 0.32), rng.uniform(2800.0, 3600.0), rng.uniform(4.5e-3, 6.5e-3),
+    )  # fmt: skip
+
+
+def _random_wind(rng: np.random.Generator, seed: int, mean: tuple[float, ...], waves: int, way: tuple[float, ...], size: float) -> Wind:
+    """With waves of 0.3 to 0.8 times `size` [m/s], whose directions have the spread `way`."""
+    several = []
+    for _ in range(waves):
+        along = rng.normal(size=3) * way
+        amplitude = size * rng.uniform(0.3, 0.8) * along / np.linalg.norm(along)
+        wave = rng.normal(size=3) * rng.uniform(0.5, 4.0)
+        several.append(Wave(tuple(amplitude), tuple(wave), float(rng.choice([-1, 1]) * rng.uniform(3.0, 12.0)), rng.uniform(0.0, 6.28)))
+    if seed % 2:
+        return Wind(mean, tuple(several))
+    speed, start = rng.uniform(0.8, 1.5), rng.uniform(-1.5, -0.5, 3) * [1.0, 1.0, 0.2]
+    return Wind(mean, tuple(several), (Vortex(speed, 0.3, tuple(start), tuple(np.array([1.2, 0.6, 0.0]) * rng.uniform(0.6, 1.4))),))
+
+
+RANDOM = {"flag": random_flag, "curtain": random_curtain, "fall": random_fall, "leaf": random_leaf}
+"""Scenes of a name KIND-SEED."""
 
 
 def named(name: str) -> Scene | None:
     """The scene of a name, None where there is none."""
     kind, _, seed = name.partition("-")
-    return random_flag(int(seed)) if kind == "flag" and seed.isdecimal() else SCENES.get(name)
+    return RANDOM[kind](int(seed)) if kind in RANDOM and seed.isdecimal() else SCENES.get(name)
 
 
 def draw(found: dict[str, np.ndarray], path: Path) -> None:
@@ -129,12 +176,12 @@ def main() -> None:
     """Simulate the scenes named, or all."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path, metavar="FOLDER")
-    parser.add_argument("scenes", nargs="*", metavar="SCENE", default=list(SCENES), help=f"flag-SEED, or some of: {', '.join(SCENES)}")
+    parser.add_argument("scenes", nargs="*", metavar="SCENE", default=list(SCENES), help=f"KIND-SEED, or some of: {', '.join(SCENES)}")
     parser.add_argument("--image", action="store_true", help="also FOLDER/SCENE.png (needs Matplotlib)")
     options = parser.parse_args()
     unknown = sorted(name for name in options.scenes if named(name) is None)
     if unknown:
-        parser.error(f"no scene {', '.join(unknown)}; there are flag-SEED and {', '.join(SCENES)}")
+        parser.error(f"no scene {', '.join(unknown)}; there are {'-SEED, '.join(RANDOM)}-SEED and {', '.join(SCENES)}")
     options.folder.mkdir(parents=True, exist_ok=True)
     for name in options.scenes:
         scene = named(name)

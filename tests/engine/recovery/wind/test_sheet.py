@@ -11,14 +11,16 @@ import pytest
 from seeing_wind.engine.command.arguments import parser
 from seeing_wind.engine.command.trajectories.sheets import read_sheet
 from seeing_wind.engine.command.verbs import VERBS
+from seeing_wind.engine.errors import ObjectError
 from seeing_wind.engine.field import distillation
 from seeing_wind.engine.look.report.accuracy import field_errors
 from seeing_wind.engine.mpm.shell import shell_of
-from seeing_wind.engine.progress import NoProgress
+from seeing_wind.engine.progress import Journal, NoProgress
 from seeing_wind.engine.recovery.prior.basis import hats, spatial_basis
+from seeing_wind.engine.recovery.wind.sheet import stage
 from seeing_wind.engine.recovery.wind.sheet.air import Air, Push
 from seeing_wind.engine.recovery.wind.sheet.balance import balance_of
-from seeing_wind.engine.recovery.wind.sheet.estimate import BREEZE, field_of, follower_of
+from seeing_wind.engine.recovery.wind.sheet.estimate import BREEZE, SheetEstimate, field_of, follower_of
 from seeing_wind.engine.recovery.wind.sheet.observed import observe_sheet
 from seeing_wind.engine.recovery.wind.sheet.problem import SheetProblem, factor_of
 from seeing_wind.engine.recovery.wind.sheet.tension import Tension
@@ -173,3 +175,33 @@ def test_the_verbs_from_outside(file, tmp_path, monkeypatch):
     again = run("recover-trajectories", file, "--take", take, "--report", "none")
     assert again["iterations"] == result["iterations"] and (take / "trajectory.npz").stat().st_mtime_ns == stamp
     assert len(np.load(take / "trajectory.npz")["x"]) == FRAMES + 1
+
+
+def found_wind(cause, doubt):
+    """4 m/s along x, as little known as that; more probable than a force of its own."""
+    velocity = np.broadcast_to([4.0, 0.0, 0.0], (3, 5, 3))
+    deviation, nothing = np.full(velocity.shape, doubt * 4.0 / np.sqrt(3.0)), np.zeros(velocity.shape)
+    evidence = 9.0 if cause == "wind" else 1.0
+    return SheetEstimate(cause, velocity, deviation, velocity[0, 0], nothing, nothing, nothing, 0.1, evidence, 5, True)
+
+
+@pytest.mark.parametrize("doubt", [0.1, 0.3, 0.9])
+def test_a_wind_that_a_sheet_does_not_tell_is_none(file, monkeypatch, doubt):
+    """It is refused with a sentence, and `auto` takes the force; one that is known badly is told with a doubt."""
+    follower = followed(file)
+    kinds = {Air: "wind", Push: "force"}
+    monkeypatch.setattr(stage, "field_of", lambda follower, *_, **__: found_wind(kinds[type(follower.cause)], doubt))
+
+    def choose(field):
+        return stage._choose(follower.shell, follower.seen, True, GRAVITY, field, NoProgress(), Journal())[1]
+
+    if doubt > stage.UNTOLD:
+        with pytest.raises(ObjectError, match="does not tell the wind: 90 %"):
+            choose("wind")
+        told = choose("auto")
+        assert told["field"] == "force" and "does not tell the wind" in told["notes"][-1]
+        return
+    for field in ("wind", "auto"):
+        told = choose(field)
+        assert told["field"] == "wind" and told["doubt"] == pytest.approx(doubt)
+        assert any("doubtful: 30 %" in note for note in told["notes"]) == (doubt > stage.DOUBTFUL)

@@ -3,7 +3,8 @@
     observed.py  where the sheet was seen              balance.py    the forces on it, as its accelerations tell them
     tension.py   the stress in it, which nobody sees    air.py        what may load it
     problem.py   unknowns, errors, derivative           estimate.py   the most probable field
-    following.py  a simulation that is drawn to it      stage.py      the stages *recover* and *wind* of a take
+    valley.py    how well it is known                  stage.py      the stages *recover* and *wind* of a take
+    following.py  a simulation that is drawn to it
 
 See docs/reference/wind.md.
 """

@@ -21,12 +21,14 @@ from ...prior.basis import hats, spatial_basis
 from ...prior.evidence import maximise_evidence
 from ...prior.kernel import Kernel, Prior
 from ...solve.gauss_newton import Solution, solve
+from ..drag import area_normals
 from ..estimate import GUST, deviation_of, places_of
 from .air import Air, Cause, Push
 from .balance import balance_of
 from .following import Follower
 from .observed import Observed
 from .problem import SheetProblem, factor_of
+from .valley import Posterior, mixed, walked
 
 MODES = 6
 """Of the field over the sheet: constant, linear and quadratic."""
@@ -53,7 +55,7 @@ class SheetEstimate:
     velocity: np.ndarray
     """(T, V, 3) at the vertices: wind [m/s]; of a force of its own the acceleration [m/s²]."""
     deviation: np.ndarray
-    """(T, V, 3) its posterior standard deviation."""
+    """(T, V, 3) its posterior standard deviation, see `valley`."""
     mean: np.ndarray
     """(3,)."""
     force: np.ndarray
@@ -68,6 +70,12 @@ class SheetEstimate:
     """Natural logarithm."""
     iterations: int
     converged: bool
+
+    @property
+    def doubt(self) -> float:
+        """Deviation of the field, relative to its size: median over vertices and frames."""
+        size = np.linalg.norm(self.velocity, axis=-1)
+        return float(np.median(np.linalg.norm(self.deviation, axis=-1) / np.maximum(size, 1e-300)))
 
     def cause_of(self, shell: Shell) -> Cause:
         """What the field does to a sheet."""
@@ -101,18 +109,55 @@ def field_of(
     problem = SheetProblem(balance, follower.cause, basis, hats(frames, spacing), factor_of(balance, balance.seen), progress.check)
     progress.update(0.1, "a first wind")
     theta = journal.array("start", lambda: _start(problem, mean))
-    gust = max(GUST * float(np.linalg.norm(theta[-3:])), 0.05 * mean)
-    prior = Prior(Kernel(gust**2 * np.eye(3)), places_of(basis, follower.seen.x, spacing), np.full(3, mean))
+
+    def run(name: str, theta: np.ndarray, part: Progress) -> _Run:
+        gust = max(GUST * float(np.linalg.norm(theta[-3:])), 0.05 * mean)
+        prior = Prior(Kernel(gust**2 * np.eye(3)), places_of(basis, follower.seen.x, spacing), np.full(3, mean))
+        return _run(problem, prior, theta, learns, journal, name, part)
+
+    runs = [run("", theta, progress.part(0.2, 0.5))]
+    if not runs[0].posterior.known:
+        for number, wind in enumerate(_others(theta[-3:], follower)):
+            begin = np.concatenate([np.zeros(len(theta) - 3), wind])
+            runs.append(run(f", start {number}", begin, progress.part(*(0.5 + 0.2 * (number + side) for side in (0, 1)))))
+    progress.update(0.9, "a simulation that follows the sheet")
+    return _told(runs, follower)
+
+
+@dataclass(frozen=True)
+class _Run:
+    """What comes of one start."""
+
+    problem: SheetProblem
+    prior: Prior
+    solution: Solution
+    posterior: Posterior
+    evidence: float
+    iterations: int
+
+
+def _run(
+    problem: SheetProblem, prior: Prior, theta: np.ndarray, learns: bool, journal: Journal, name: str, progress: Progress
+) -> _Run:
     used, solution = 0, None
     for number in range(ROUNDS):
-        part = progress.part(*(0.2 + 0.7 * (number + side) / ROUNDS for side in (0, 1)))
+        part = progress.part(*((number + side) / ROUNDS for side in (0, 1)))
         if solution is not None:
             problem, prior = _learn(problem, prior, solution, learns)
-        solution = journal.once(f"round {number}", Solution, partial(_solved, problem, prior, theta, part))
+        solution = journal.once(f"round {number}{name}", Solution, partial(_solved, problem, prior, theta, part))
         theta, used = solution.theta, used + solution.iterations
     assert solution is not None
-    progress.update(0.9, "a simulation that follows the sheet")
-    return _told(problem, prior, solution, follower, used)
+    posterior = walked(problem, prior, theta, problem.check)
+    return _Run(problem, prior, solution, posterior, _log_evidence(problem, prior, posterior.theta), used)
+
+
+def _others(wind: np.ndarray, follower: Follower) -> list[np.ndarray]:
+    """Further steady winds (3,) to begin with: the part of a first one that is across the sheet in the mean, and its mirror image."""
+    seen = follower.seen
+    normal = area_normals(seen.x, seen.faces).sum(axis=(0, 1))
+    normal /= max(float(np.linalg.norm(normal)), 1e-300)
+    across = (wind @ normal) * normal
+    return [across, 2.0 * across - wind]
 
 
 def _start(problem: SheetProblem, mean: float) -> np.ndarray:
@@ -153,18 +198,28 @@ def _learn(problem: SheetProblem, prior: Prior, solution: Solution, learns: bool
     return problem, replace(prior, kernel=maximise_evidence(prior, point.normal, pull, None, problem.check))
 
 
-def _told(problem: SheetProblem, prior: Prior, solution: Solution, follower: Follower, used: int) -> SheetEstimate:
-    fields, point = problem.fields(solution.theta), problem.linearise(solution.theta)
+def _told(runs: Sequence[_Run], follower: Follower) -> SheetEstimate:
+    best = max(runs, key=lambda one: one.evidence)
+    posterior, problem = mixed([one.posterior for one in runs], [one.evidence for one in runs]), best.problem
+    theta = posterior.theta
+    fields = problem.fields(theta)
     path = follower.path(fields, problem.check)
-    deviation = deviation_of(point.normal + prior.precision(), problem.hats, problem.basis)
+    deviation = deviation_of(np.linalg.inv(posterior.covariance), problem.hats, problem.basis)
     force, slopes = _forces(follower, fields, path)
     force_deviation = np.sqrt(np.einsum("atvi,tva->tvi", slopes**2, deviation**2))
-    missed, still = (float(np.linalg.norm(problem.residual(theta))) for theta in (solution.theta, np.zeros_like(solution.theta)))
-    left = missed / max(still, 1e-300)
-    cause = "force" if isinstance(follower.cause, Push) else "wind"
-    evidence = _log_evidence(problem, prior, solution.theta)
+    missed, still = (float(np.linalg.norm(problem.residual(one))) for one in (theta, np.zeros_like(theta)))
     return SheetEstimate(
-        cause, fields, deviation, solution.theta[-3:], force, force_deviation, path, left, evidence, used, solution.converged
+        cause="force" if isinstance(follower.cause, Push) else "wind",
+        velocity=fields,
+        deviation=deviation,
+        mean=theta[-3:],
+        force=force,
+        force_deviation=force_deviation,
+        x=path,
+        unexplained=missed / max(still, 1e-300),
+        evidence=best.evidence,
+        iterations=sum(one.iterations for one in runs),
+        converged=best.solution.converged,
     )
 
 

@@ -24,7 +24,7 @@ from .balance import Balance
 SHARE = 0.05
 """Error of the cause's law, as a part of the root mean square of its force in each mode: other drag laws and other engines' cloth differ
 so much."""
-STIFFNESS = 0.1
+STIFFNESS = 0.5
 """Relative error of the bending stiffness, in each mode apart."""
 LASTS, ALWAYS = 8.0, 0.5
 """Frames over which the law's error changes, and the part of its variance that never does."""

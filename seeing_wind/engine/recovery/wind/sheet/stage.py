@@ -33,8 +33,12 @@ from .estimate import BREEZE, SheetEstimate, field_of, follower_of
 from .following import Follower
 from .observed import Observed, observe_sheet
 
-VERSION = 2
+VERSION = 3
 """Part of the stamp: raise it when the results change."""
+UNTOLD = 0.4
+"""Deviation of a wind, relative to its size, from which the sheet does not tell it; and"""
+DOUBTFUL = 0.2
+"""from which a note says how little it does."""
 
 
 @dataclass(frozen=True)
@@ -139,9 +143,9 @@ def _choose(
     if against and field == "wind":
         hint = "Use --field force, or check areal density, scale, depth, gravity and what is held."
         raise ObjectError(f"No wind can be recovered. {against}", hint)
-    told: dict[str, Any] = {"field": "wind", "why": "--field wind", **figures(wind, AIR)}
+    told: dict[str, Any] = {"field": "wind", "why": "--field wind", **figures(wind, AIR), "doubt": wind.doubt}
     if field == "wind":
-        return wind, told | {"notes": [sentence(told)]}
+        return wind, told | {"notes": _remarks(wind, told)}
     force = estimate(Push(shell), FORCE_MEAN, "force", progress.part(0.5, 1.0))
     odds = wind.evidence - force.evidence
     likely = not against and odds > 0.0
@@ -150,7 +154,7 @@ def _choose(
         f"the logarithm of the odds is {odds:.0f}."
     )
     told |= {"field": "wind" if likely else "force", "why": why, "log_odds_of_wind": odds}
-    notes = [sentence(told)] if likely else []
+    notes = _remarks(wind, told) if likely else []
     return wind if likely else force, told | {"notes": [*notes, f"Field: {told['field']}. {why}"]}
 
 
@@ -161,7 +165,19 @@ def _objection(found: SheetEstimate) -> str:
         return f"It would take a wind of {speed:.0f} m/s to push a sheet of this weight so hard: something else moves it."
     if found.unexplained > UNEXPLAINED:
         return f"No wind moves this sheet so: {100 * found.unexplained:.0f} % of what air would have to do stays unexplained."
+    if found.doubt > UNTOLD:
+        return (
+            f"This sheet does not tell the wind: {100 * found.doubt:.0f} % of its speed are uncertain. A sheet that turns little is pushed "
+            "alike by a wind across it and by stronger ones at a slant."
+        )
     return ""
+
+
+def _remarks(found: SheetEstimate, told: dict[str, Any]) -> list[str]:
+    """What the notes say of a wind."""
+    if found.doubt < DOUBTFUL:
+        return [sentence(told)]
+    return [sentence(told), f"The wind is doubtful: {100 * found.doubt:.0f} % of its speed are uncertain, most of it along the sheet."]
 
 
 def _particles(shell: Shell) -> Particles:
