@@ -13,6 +13,7 @@ from seeing_wind.engine.command.arguments import parser
 from seeing_wind.engine.errors import ObjectError, UsageError
 from seeing_wind.engine.observe import observe
 from seeing_wind.engine.observe.mask.background import median_plate, seen_first
+from seeing_wind.engine.observe.mask.cutting import enclosed
 from seeing_wind.engine.observe.mask.first_mask import mask_from_points, read_mask
 from seeing_wind.engine.progress import NoProgress, Progress
 from seeing_wind.engine.records import Observation
@@ -234,3 +235,13 @@ def test_what_passes_behind_a_still_post_is_known_again_beside_it(tmp_path: Path
     alike = overlap(np.asarray(seen.masks), masks)
     # On both sides of the post: before, it was lost to the last pixel, and then grew back by 20 px a frame.
     assert min(alike) > 0.8 and np.median(alike) > 0.95
+
+
+def test_a_body_may_hide_what_it_encloses_and_a_stem_with_leaves_may_not() -> None:
+    bent = np.zeros((120, 120), bool)
+    bent[10:110, 10:40] = bent[10:40, 10:110] = True  # fills half of its hull
+    assert enclosed(bent)[55, 55] and not enclosed(bent)[100, 100] and enclosed(bent)[bent].all()
+    flower = np.zeros((120, 120), bool)
+    flower[5:115, 59:62] = flower[5:20, 45:76] = flower[80:84, 10:110] = True
+    assert np.array_equal(enclosed(flower), flower)
+    assert not enclosed(np.zeros((4, 4), bool)).any()

@@ -17,6 +17,9 @@ HOLE = 0.1
 """Part of an object up to which a hole in it is a mistake: a smooth thing's middle looks as if it stood still, and a see-through one's like
 what is behind it."""
 
+FULL = 0.25
+"""Least part of its convex hull that a body fills of which parts may have been missed."""
+
 GRABCUT_PIXELS = 120_000
 """Region size beyond which GrabCut runs on a smaller copy: its time grows faster than its accuracy."""
 
@@ -75,9 +78,13 @@ def grown(mask: np.ndarray) -> np.ndarray:
 
 
 def enclosed(mask: np.ndarray) -> np.ndarray:
-    """The convex hull (H, W) bool of `mask` (H, W) bool: all that the object may hide if parts of it were missed."""
+    """All that the object may hide if parts of it were missed, (H, W) bool: the convex hull of `mask` (H, W) bool.
+
+    What fills little of its hull is a stem with leaves rather than a body of which most was missed, and hides nothing more.
+    """
     filled = mask.astype(np.uint8)
     if mask.any():
         outlines, _ = cv2.findContours(filled, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
         cv2.fillConvexPoly(filled, cv2.convexHull(np.concatenate(outlines)), 1)
-    return filled > 0
+    hull: np.ndarray = filled > 0
+    return hull if np.count_nonzero(mask) >= FULL * np.count_nonzero(hull) else mask > 0
