@@ -20,13 +20,14 @@ from ..progress import Journal, Progress
 from ..records import Material, Particles, PointTargets, Recovery, TrackTargets
 from ..settings import RecoverSettings
 from .clip import Clip, still_frames
-from .diagnostics.remarks import moving_clamp_remark
+from .diagnostics.remarks import moving_clamp_remark, ringing_remarks
 from .solve.constants import PACE
 from .solve.known_body import KnownBody
 from .solve.stiffness import Stiffness, is_free
 from .targets.clamp_motion import clamp_motion
 from .targets.objective import Channels, Objective
 from .targets.points import PointChannels, point_channels
+from .targets.ringing import alone
 from .targets.tracks import track_channels
 
 
@@ -95,9 +96,13 @@ def recover(
     if moving is not None:
         model = replace(model, gravity=moving.gravity(particles, model.gravity))
     objective = Objective(channels)
+    still = still_frames(settings, objective.frames)
+    if settings.ringing == "found" and settings.still is None and particles.pinned.any() and not (plastic or any(settings.gravity)):
+        still = alone(sources)
+        notes += ringing_remarks(still)
     clip = Clip(
         particles, model, objective, fps, settings, progress, journal, notes + model_notes, _stiffness(particles, model, settings, known),
-        still_frames(settings, objective.frames),
+        still,
     )  # fmt: skip
     views = len(sources) if isinstance(sources[0], TrackTargets) else 0
     found = clip.result(clip.solved(), material, views, began)

@@ -40,6 +40,13 @@ class RecoverSettings:
         help="first and last frame, counted from 0 in the file, of a time in which the air is still: no force is looked for in it, and how "
         "the body swings by itself shows its stiffness",
     )  # fmt: skip
+    ringing: str = option(
+        "found", label="Ringing", help="whether a time in which a held body swings by itself, and dies away, is still air", group=SOLVE,
+        choices={
+            "found": "without gravity, and where --still says nothing, no force is looked for in it",
+            "ignored": "a force is looked for in it, as everywhere",
+        },
+    )  # fmt: skip
     representation: str = option(
         "causal_triplane", help="how the field is kept", group=COMPARED, panel="",
         choices={

@@ -57,6 +57,15 @@ def test_no_force_is_found_in_still_air(rung):
     assert error(found, body, wind) < error(blind, body, wind)
 
 
+def test_a_part_of_the_clip_may_be_still_throughout():
+    body, frames = post(), 36
+    x, _ = blow(body, kick, frames)
+    settings = replace(WEIGHTLESS, still=(5, frames - 1), stiffness="given", iterations=2)
+    found = recover(body, RUBBER, [points(body, x)], FPS, settings, NoProgress())
+    assert found.force_density[:4].any() and not found.force_density[5:].any()
+    assert found.residual.max() < 0.1 * np.linalg.norm(x - x[0], axis=2).max()
+
+
 def test_ringing_in_still_air_tells_the_stiffness(rung):
     _, _, _, found = rung
     assert found.youngs_modulus == pytest.approx(RUBBER.youngs_modulus, rel=0.03)

@@ -160,6 +160,16 @@ def wild_remarks(channels: Sequence[Channels]) -> list[str]:
     ]
 
 
+def ringing_remarks(still: np.ndarray) -> list[str]:
+    """On frames (T,) bool in which the body was seen to swing by itself."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(int)))
+    return [
+        f"From {frame_named(first)} to {frame_named(end - 1)} the object swings by itself, as nothing pushes it: no force was looked for "
+        "there. --ringing ignored looks for one."
+        for first, end in zip(edges[::2], edges[1::2])
+    ]
+
+
 def end_remarks(wild: np.ndarray) -> list[str]:
     """On frames (T,) bool at the ends of a clip whose later frame counts little, as its tracks leave the motion of all others."""
     notes = []

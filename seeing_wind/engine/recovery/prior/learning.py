@@ -56,8 +56,11 @@ def prior_along(kernel: Kernel, forward: Forward, path: Trajectory, expected: Ex
 def learn_kernel(
     prior: Prior, normal: np.ndarray, pull: np.ndarray, expected: Expected, check: Callable[[], None], journal: Journal
 ) -> Kernel:
-    """The kernel of greatest evidence. A body seen as one point keeps the present one: its data cannot determine a size in space."""
-    if len(prior.places.project) == 1:
+    """The kernel of greatest evidence. A body seen as one point keeps the present one: its data cannot determine a size in space.
+
+    So does a block in which the air is still throughout: nothing in it hangs on a force.
+    """
+    if len(prior.places.project) == 1 or not normal.any():
         return prior.kernel
     return journal.once("learn", Kernel, partial(maximise_evidence, prior, normal, pull, expected.component, check), normal, pull)
 

@@ -5,5 +5,5 @@
     mismatch.py   how far the solver's body strays from the filmed one
     arc.py        how far along a bent body its points lie
     clamp_motion.py  a clamp that moves, and the body as seen from it
-    constants.py     the sizes of the errors
+    ringing.py    when a held body swings by itself    constants.py  the sizes of the errors
 """

@@ -13,6 +13,8 @@ A steady swing at one frequency would fit as well, and may be a wind's: only wha
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from ...records import PointTargets, TrackTargets
@@ -25,6 +27,8 @@ FEWEST_POINTS = 6
 """Seen in every frame, or nothing is said."""
 SHORTEST = 20
 """Frames of a stretch at least: 18 equations a direction for at most four unknowns."""
+FIRST = 2
+"""Frames at the beginning in which a force is always looked for."""
 SWINGS = 2.0
 """That a stretch must last: less of a swing looks like a slow gust."""
 LEFT_OVER = 0.04
@@ -37,14 +41,23 @@ DAMPED = (0.7, 0.997)
 """Values of c that a swing has that dies away: at 30 frames and two swings a second a loss of 0.4 % of critical damping, and more."""
 
 
-def ringing(targets: PointTargets | TrackTargets) -> np.ndarray:
-    """(T,) bool: the frames in which the body swings by itself, of points that are seen in all T+1 frames."""
+def alone(views: Sequence[PointTargets | TrackTargets]) -> np.ndarray:
+    """(T,) bool: the frames in which the body swings by itself in all views that say anything of it. The first frames never count, as one
+    at least must have a force."""
+    told = [one for one in map(ringing, views) if one is not None]
+    found = np.logical_and.reduce(told) if told else np.zeros(len(views[0].visible) - 1, bool)
+    found[:FIRST] = False
+    return found
+
+
+def ringing(targets: PointTargets | TrackTargets) -> np.ndarray | None:
+    """(T,) bool: the frames in which the body swings by itself, by the points that are seen in all T+1 frames; None for too few."""
     places = targets.x if isinstance(targets, PointTargets) else targets.xy
     frames = len(places) - 1
     taken = np.zeros(frames, bool)
     seen = targets.visible.all(axis=0)
     if seen.sum() < FEWEST_POINTS or frames < SHORTEST:
-        return taken
+        return None
     q = _motion(places[:, seen])
     force_of, acceleration = _equations(q)
     each = np.einsum("tmi,tmj->tij", force_of, force_of)
