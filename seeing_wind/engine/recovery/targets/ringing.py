@@ -31,7 +31,7 @@ FIRST = 2
 """Frames at the beginning in which a force is always looked for."""
 SWINGS = 2.0
 """That a stretch must last: less of a swing looks like a slow gust."""
-LEFT_OVER = 0.04
+LEFT_OVER = 0.06
 """Most that may be left over, as a share of the acceleration, both root mean square; of a post that swings far it is more than that."""
 LENGTHS = 200
 """Different lengths of stretches that are tried, about: the work grows with the square of a clip's length."""
@@ -82,7 +82,7 @@ def ringing(targets: PointTargets | TrackTargets) -> np.ndarray | None:
 
 def _motion(places: np.ndarray) -> np.ndarray:
     """How far the points (T+1, K, D) are along the directions in which they move most, (T+1, m)."""
-    away = (places - places[0]).reshape(len(places), -1)
+    away = (places.astype(np.float64) - places[0]).reshape(len(places), -1)
     left, size, _ = np.linalg.svd(away, full_matrices=False)
     count = max(1, int((size[:MOST_DIRECTIONS] > BESIDE * size[0]).sum()))
     motion: np.ndarray = left[:, :count] * size[:count]
