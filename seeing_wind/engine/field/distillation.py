@@ -184,12 +184,15 @@ def _fit(module: NeuralModule, samples: Samples, iterations: int, pace: float, p
     rates = [pace * group["lr"] for group in groups]
     optimiser = torch.optim.Adam(groups, betas=(0.9, 0.99))
     schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, rates, total_steps=iterations, pct_start=0.1)
+    # Half of them in proportion to the squared force: a blow is a few frames of many.
+    power = samples.force.double().square().sum(dim=1)
+    drawn = (power + power.mean().clamp_min(1e-30)).cumsum(dim=0)
     loop = journal.loop("iterations", pace)
     done, kept = loop.resume()
     if done:
         restore(optimiser, schedule, kept, done)
     for iteration in range(done, iterations):
-        pick = torch.randint(len(samples.s), (min(BATCH, len(samples.s)),))
+        pick = torch.searchsorted(drawn, torch.rand(min(BATCH, len(samples.s)), dtype=drawn.dtype) * drawn[-1])
         force = module.decoder(module.latent((rows[pick], carry[pick]), samples.frame[pick]))
         data = (samples.weight[pick, None] * (force - samples.force[pick]).square()).mean()
         space, time = module.roughness()

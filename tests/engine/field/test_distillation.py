@@ -29,6 +29,20 @@ def test_the_triplane_keeps_a_curved_field(tumbling, triplane):
     assert magnitude < 0.8 and direction < 0.8
 
 
+def test_a_blow_of_two_frames_is_kept_among_many_without_a_force():
+    x = np.tile(np.random.default_rng(0).uniform([-0.02, -0.02, -0.2], [0.02, 0.02, 0.2], (150, 3)), (81, 1, 1))
+    force = np.zeros((80, 150, 3))
+    force[2:4] = [3000.0, 500.0, 0.0] * (1.0 + x[0, :, 2:])
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(distillation, "ITERATIONS", 300)
+        messages: list[dict] = []
+        field = distill(*recovery_of(force, x, 30.0), FPS, progress=Progress(messages.append))
+    got = sample_points(field, x[:-1])[0]
+    assert np.linalg.norm(got[2:4] - force[2:4]) < 0.03 * np.linalg.norm(force)
+    assert np.abs(got[4:]).max() < 0.03 * np.abs(force).max()
+    assert not any(message["type"] == "warning" for message in messages)
+
+
 def test_between_the_samples_it_is_close_to_the_true_field(tumbling, triplane, known_wind):
     recovery, _ = tumbling
     between = (recovery.x[:-1, :100] + recovery.x[:-1, 100:200]) / 2
