@@ -6,7 +6,7 @@ What nothing pushes swings in its own modes. With q (T+1, m) how far the body is
 
 holds for a damped linear oscillator about the shape of frame 0, sampled once a frame. Where a force acts, the two sides differ by the
 force's share of the acceleration. So A and c are fitted to every stretch of the clip, and the longest stretches are kept in which hardly
-anything is left over: gusts leave 25 to 90 % of the acceleration, a post that rings about 2 % (docs/notebook/held_bodies.md).
+anything is left over: gusts leave 20 to 90 % of the acceleration, a post that rings about 2 % (docs/notebook/held_bodies.md).
 
 A steady swing at one frequency would fit as well, and may be a wind's: only what dies away counts, and only over two swings or more.
 """
@@ -38,7 +38,7 @@ LENGTHS = 200
 IN_A_FRAME = 0.25
 """Most that may be left over in any frame, as a share of the acceleration in all: a short gust shall not hide in a long stretch."""
 DAMPED = (0.7, 0.997)
-"""Values of c that a swing has that dies away: at 30 frames and two swings a second a loss of 0.4 % of critical damping, and more."""
+"""Values of c of a swing that dies away: at 30 frames and two swings a second, damping of 0.4 % of the critical one and more."""
 
 
 def alone(views: Sequence[PointTargets | TrackTargets]) -> np.ndarray:
