@@ -85,21 +85,26 @@ def follow(
     else:
         follower = Outlined(frames[0], outlines, flows)
     masks = followed(frames.__getitem__, len(frames), follower, progress.part(0.3, 0.9), journal.loop("follow"), points)
-    seen = areas(masks) > 0
-    _tell_lost(seen, progress)
+    _tell_lost(areas(masks) > 0, progress)
     if given is not None:
         return masks, Tracks(*given, np.zeros(given[0].shape[1], bool))
+    return masks, _tracks_of(points, len(corners), frames, masks, plate, progress)
+
+
+def _tracks_of(points: Generations, first: int, frames: Frames, masks: Masks, plate: Plate | None, progress: Progress) -> Tracks:
+    """The points that were followed, the `first` of them from frame 0 on; the silhouette's centroid beside or instead of them."""
     xy, visible, sigma = points.tracks()
+    seen = areas(masks) > 0
     # Later tracks do not count: only those of frame 0 say for certain where on the body they are.
-    early, half = visible[:, : len(corners)], max(2, len(frames) // 2)
+    early, half = visible[:, :first], max(2, len(frames) // 2)
     enough = early.sum(axis=1) >= ENOUGH
     last = bool(enough[seen].all())
     few = not last and (enough[:half].mean() < 0.75 or masks[0].sum() < FEW_PATCHES)
     if few or _flicker(early, half):
-        return masks, _centroid_alone(frames, masks, plate, progress)
-    again = recognise(frames, masks, progress.part(0.9, 0.95)) if len(corners) >= ENOUGH and are_lost(visible) else None
+        return _centroid_alone(frames, masks, plate, progress)
+    again = recognise(frames, masks, progress.part(0.9, 0.95)) if first >= ENOUGH and are_lost(visible) else None
     found = Tracks(xy, visible, sigma, np.zeros(xy.shape[1], bool), again)
-    return masks, found if last else _with_centroid(frames, masks, plate, found, enough, progress)
+    return found if last else _with_centroid(frames, masks, plate, found, enough, progress)
 
 
 def _flicker(visible: np.ndarray, half: int) -> bool:

@@ -96,10 +96,8 @@ def recover(
     if moving is not None:
         model = replace(model, gravity=moving.gravity(particles, model.gravity))
     objective = Objective(channels)
-    still = still_frames(settings, objective.frames)
-    if settings.ringing == "found" and settings.still is None and particles.pinned.any() and not (plastic or any(settings.gravity)):
-        still = alone(sources)
-        notes += ringing_remarks(still)
+    still, said = _still(particles, sources, settings, plastic)
+    notes += said
     clip = Clip(
         particles, model, objective, fps, settings, progress, journal, notes + model_notes, _stiffness(particles, model, settings, known),
         still,
@@ -107,6 +105,20 @@ def recover(
     views = len(sources) if isinstance(sources[0], TrackTargets) else 0
     found = clip.result(clip.solved(), material, views, began)
     return found if moving is None else moving.carried(found, material.density, np.asarray(settings.gravity), model.gravity)
+
+
+def _still(
+    particles: Particles, sources: Sequence[PointTargets | TrackTargets], settings: RecoverSettings, plastic: bool
+) -> tuple[np.ndarray, list[str]]:
+    """(T,) bool, the frames without a force, as they were given or else by how a held body rings, and what to say of these.
+
+    With gravity a body that is at rest in frame 0's shape sags, so ringing about that shape is not what the solver's body would do.
+    """
+    given = still_frames(settings, len(sources[0].visible) - 1)
+    if settings.still is not None or settings.ringing == "ignored" or not particles.pinned.any() or plastic or any(settings.gravity):
+        return given, []
+    found = alone(sources)
+    return found, ringing_remarks(found)
 
 
 def _stiffness(particles: Particles, model: Model, settings: RecoverSettings, known: KnownBody | None) -> Stiffness:

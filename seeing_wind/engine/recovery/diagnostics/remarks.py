@@ -8,6 +8,7 @@ import numpy as np
 
 from ...conventions import UNHELD, frame_named
 from ...records import Particles
+from ..prior.basis import runs_of
 from ..targets.clamp_motion import ClampMotion
 from ..targets.objective import Channels
 from ..targets.points import PointChannels
@@ -162,11 +163,10 @@ def wild_remarks(channels: Sequence[Channels]) -> list[str]:
 
 def ringing_remarks(still: np.ndarray) -> list[str]:
     """On frames (T,) bool in which the body was seen to swing by itself."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(int)))
     return [
         f"From {frame_named(first)} to {frame_named(end - 1)} the object swings by itself, as nothing pushes it: no force was looked for "
         "there. --ringing ignored looks for one."
-        for first, end in zip(edges[::2], edges[1::2])
+        for first, end in runs_of(still)
     ]
 
 

@@ -128,14 +128,18 @@ class Knots:
     """Frames between two of them in a row."""
 
 
+def runs_of(frames: np.ndarray) -> list[tuple[int, int]]:
+    """Of frames (T,) bool: the first of each run in a row, and the one after its last."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], frames, [False]]).astype(int))).tolist()
+    return list(zip(edges[::2], edges[1::2]))
+
+
 def knots_between(still: np.ndarray, spacing: float) -> Knots:
     """Knots for the frames (T,) that are not still: anew in each run of them, as the air does not come to rest gradually.
 
     Where all are still there is one knot, which nothing hangs on.
     """
-    edges = np.flatnonzero(np.diff(np.concatenate([[True], still, [True]]).astype(int)))
-    runs = list(zip(edges[::2], edges[1::2]))
-    parts = [(begin + knots(end - begin, spacing), begin, end) for begin, end in runs]
+    parts = [(begin + knots(end - begin, spacing), begin, end) for begin, end in runs_of(~still)]
     at = np.concatenate([one for one, _, _ in parts]) if parts else np.zeros(1)
     weights, first = np.zeros((len(still), len(at))), 0
     for one, begin, end in parts:

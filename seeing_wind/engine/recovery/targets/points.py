@@ -8,7 +8,7 @@ import numpy as np
 
 from ...errors import UsageError
 from ...records import Particles, PointTargets
-from ..prior.basis import held_axis, spatial_basis
+from ..prior.basis import held_axis, runs_of, spatial_basis
 from .arc import along_the_curve
 from .channels import check, first_speed, noise_of, second_derivative
 from .constants import NOISE
@@ -186,12 +186,7 @@ def _between(observed: np.ndarray, known: np.ndarray) -> np.ndarray:
 
 def _longest_run(whole: np.ndarray) -> slice:
     """The most frames (T,) bool in a row: differences in time across a gap would be taken for noise."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], whole.astype(int), [0]])))
-    begins, ends = edges[::2], edges[1::2]
-    if not len(begins):
-        return slice(0, 0)
-    longest = int(np.argmax(ends - begins))
-    return slice(int(begins[longest]), int(ends[longest]))
+    return slice(*max(runs_of(whole), key=lambda run: run[1] - run[0], default=(0, 0)))
 
 
 def _weights(targets: PointTargets, count: int) -> np.ndarray:

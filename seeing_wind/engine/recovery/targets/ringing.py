@@ -59,13 +59,13 @@ def ringing(targets: PointTargets | TrackTargets) -> np.ndarray | None:
     if seen.sum() < FEWEST_POINTS or frames < SHORTEST:
         return None
     q = _motion(places[:, seen])
-    force_of, acceleration = _equations(q)
-    each = np.einsum("tmi,tmj->tij", force_of, force_of)
+    rows, acceleration = _equations(q)
+    each = np.einsum("tmi,tmj->tij", rows, rows)
     sums, energy = (np.concatenate([np.zeros_like(one[:1]), one.cumsum(axis=0)]) for one in (each, (acceleration**2).sum(axis=1)))
     for length in range(frames - 1, SHORTEST - 2, -max(1, frames // LENGTHS)):
         begin = np.arange(frames - length)
-        before = np.concatenate([[0], taken.cumsum()])
-        free = before[begin + length + 1] == before[begin]
+        count = np.concatenate([[0], taken.cumsum()])
+        free = count[begin + length + 1] == count[begin]
         normal, size = sums[begin + length] - sums[begin], energy[begin + length] - energy[begin]
         fitted = _fitted(normal)
         left = np.einsum("ki,kij,kj->k", fitted, normal, fitted)
@@ -73,7 +73,7 @@ def ringing(targets: PointTargets | TrackTargets) -> np.ndarray | None:
         best = int(np.argmin(share))
         stretch = slice(best, best + length)
         if share[best] < LEFT_OVER**2 and _dies_away(fitted[best], q.shape[1], length):
-            missed = np.linalg.norm(force_of[stretch] @ fitted[best], axis=1)
+            missed = np.linalg.norm(rows[stretch] @ fitted[best], axis=1)
             if missed.max() < IN_A_FRAME * np.sqrt(size[best] / length):
                 # The equation about frame t + 1 has the forces of frames t and t + 1.
                 taken[best : best + length + 1] = True

@@ -268,7 +268,7 @@ def wind_of(
     missed, net = (felt.measured - felt.predicted(wind))[:, felt.net], felt.measured[:, felt.net]
     return Estimate(
         velocity=np.einsum("np,tpi->tni", basis.phi, wind),
-        deviation=deviation_of(best.precision, problem.hats, basis, felt.uniform_modes),
+        deviation=deviation_of(np.linalg.inv(best.precision), problem.hats, basis, felt.uniform_modes),
         mean=best.theta[-3:],
         kernel=best.kernel,
         shares=best.shares,
@@ -284,9 +284,8 @@ def _filled(uniform: np.ndarray, felt: Observed) -> np.ndarray:
     return start
 
 
-def deviation_of(precision: np.ndarray, hats: np.ndarray, basis: SpatialBasis, uniform_modes: Sequence[int] = (0,)) -> np.ndarray:
-    """(T, N, 3) standard deviation [m/s] at the particles, from the precision (n, n) of gusts and mean."""
-    covariance = np.linalg.inv(precision)
+def deviation_of(covariance: np.ndarray, hats: np.ndarray, basis: SpatialBasis, uniform_modes: Sequence[int] = (0,)) -> np.ndarray:
+    """(T, N, 3) standard deviation [m/s] at the particles, from the covariance (n, n) of gusts and mean."""
     knots, modes = hats.shape[1], basis.phi.shape[1]
     # the mean counts in every frame, as a further knot of the uniform modes
     rows = np.zeros((len(hats), modes, 3, len(covariance)))

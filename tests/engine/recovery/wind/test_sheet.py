@@ -193,7 +193,7 @@ def test_a_wind_that_a_sheet_does_not_tell_is_none(file, monkeypatch, doubt):
     monkeypatch.setattr(stage, "field_of", lambda follower, *_, **__: found_wind(kinds[type(follower.cause)], doubt))
 
     def choose(field):
-        return stage._choose(follower.shell, follower.seen, True, GRAVITY, field, NoProgress(), Journal())[1]
+        return stage.choose(follower.shell, follower.seen, True, GRAVITY, field, NoProgress(), Journal())[1]
 
     if doubt > stage.UNTOLD:
         with pytest.raises(ObjectError, match="does not tell the wind: 90 %"):

@@ -204,7 +204,7 @@ def _told(runs: Sequence[_Run], follower: Follower) -> SheetEstimate:
     theta = posterior.theta
     fields = problem.fields(theta)
     path = follower.path(fields, problem.check)
-    deviation = deviation_of(np.linalg.inv(posterior.covariance), problem.hats, problem.basis)
+    deviation = deviation_of(posterior.covariance, problem.hats, problem.basis)
     force, slopes = _forces(follower, fields, path)
     force_deviation = np.sqrt(np.einsum("atvi,tva->tvi", slopes**2, deviation**2))
     missed, still = (float(np.linalg.norm(problem.residual(one))) for one in (theta, np.zeros_like(theta)))

@@ -99,7 +99,7 @@ def sheet_stage(
     began = time.perf_counter()
     progress.begin("recover", "recovering the force" if blown.field == "force" else "recovering the wind")
     with TakeJournal(take, stamp, progress) as journal:
-        found, told = _choose(shell, seen, not source.targets, settings.gravity, blown.field or "wind", progress, journal)
+        found, told = choose(shell, seen, not source.targets, settings.gravity, blown.field or "wind", progress, journal)
         recovery = _recovery(shell, seen, source.targets, settings.gravity, particles, found, time.perf_counter() - began)
         seconds, began = {"recover": time.perf_counter() - began}, time.perf_counter()
         progress.begin("distill", "fitting the field")
@@ -127,7 +127,7 @@ def _both(recovery: Recovery, found: SheetEstimate, told: dict[str, Any]) -> lis
     return [recovery, replace(recovery, force_density=found.velocity, deviation=found.deviation)]
 
 
-def _choose(
+def choose(
     shell: Shell, seen: Observed, learns: bool, gravity: Sequence[float], field: str, progress: Progress, journal: Journal
 ) -> tuple[SheetEstimate, dict[str, Any]]:
     """The estimate that the setting asks for, and what `wind.json` says of it."""
