@@ -13,7 +13,7 @@ from seeing_wind.engine.masks import Masks
 from seeing_wind.engine.observe import observe
 from seeing_wind.engine.observe.mask.background import Plate, plate_behind
 from seeing_wind.engine.observe.mask.cutting import tidy
-from seeing_wind.engine.observe.mask.evidence import Contrast, against_plate, against_shape, cut_out, trimmed
+from seeing_wind.engine.observe.mask.evidence import Contrast, against_plate, against_shape, cut_out
 from seeing_wind.engine.observe.mask.follow import MaskFollower
 from seeing_wind.engine.observe.mask.from_box import moving_in, moving_odds
 from seeing_wind.engine.progress import NoProgress

@@ -13,7 +13,7 @@ import numpy as np
 
 from .background import Plate
 from .cutting import enclosed
-from .motion import Window, cut, paste, window_of
+from .motion import Window, cut, window_of
 
 DIFFERS = 3.0
 """Times the noise from which a pixel differs from the background."""
@@ -29,9 +29,6 @@ STAYS = 0.7
 
 RIM = 3.5
 """Pixels over which a lens and a codec spread the object's rim: there the object ends where half of its contrast is left."""
-
-BLURRED, LOCAL = 2.0, 3.0
-"""Pixels inside an outline that its blurred rim reaches, and pixels over which the contrast of what lies deeper is averaged."""
 
 LEVELS = (1.0, 2.0, DIFFERS, 4.5, 6.5, 9.0, 13.0, 18.0, 26.0, 40.0, 60.0)
 """Bounds of the classes of difference from the background [times the noise]."""
@@ -177,28 +174,6 @@ def against_plate(
     reach = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * int(RIM) + 1, 2 * int(RIM) + 1))
     half = np.clip((away - 0.5 * cv2.dilate(away, reach)) / plate.noise, -SURE, SURE)
     return np.where(rim, np.minimum(odds, half), odds).astype(np.float32), known
-
-
-def trimmed(frame: np.ndarray, mask: np.ndarray, plate: Plate) -> np.ndarray:
-    """The outline `mask` (H, W) bool without the outer half of its blurred rim, where the background is known.
-
-    A lens spreads an edge over pixels on either side of it: the object ends where half is left of the contrast that it has farther in.
-    Nothing is added, as a shadow beside it may have as much; what is too thin to have an inside stays as it is.
-    """
-    if not mask.any():
-        return mask
-    window = window_of(mask, 3)
-    apart = cv2.GaussianBlur(cut(frame, window).astype(np.float32) - cut(plate.color, window), (0, 0), 0.5)
-    shape, (red, green, blue) = cut(mask, window, cv2.BORDER_CONSTANT), cv2.split(apart)
-    away = np.sqrt(red * red + green * green + blue * blue)
-    depth = cv2.distanceTransform(shape.astype(np.uint8), cv2.DIST_L2, 5)
-    inner = (depth > BLURRED).astype(np.float32)
-    near, level = (cv2.GaussianBlur(one, (0, 0), LOCAL) for one in (inner, inner * away))
-    known = cut(plate.reliable, window, cv2.BORDER_CONSTANT) & (near > 1e-3)
-    gone = shape & (depth <= BLURRED) & known & (away * near <= 0.5 * level)
-    left = mask.copy()
-    paste(left, shape & ~gone, window)
-    return left
 
 
 def against_shape(shape: np.ndarray, band: float) -> np.ndarray:

@@ -8,9 +8,9 @@ import numpy as np
 from ...progress import Progress
 from .background import Plate
 from .cutting import LEAST_PIXELS, grown, tidy
-from .evidence import Colors, Contrast, against_plate, against_shape, band_of, cut_out, trimmed
-from .flows import Flows
-from .motion import Flow, FlowSolver, Window, body_shift, cut, joined, middle_of, paste, placed, window_of, within
+from .evidence import Colors, Contrast, against_plate, against_shape, band_of, cut_out
+from .motion import Flow, Flows, FlowSolver, Window, body_shift, cut, joined, middle_of, paste, placed, window_of, within
+from .rim import cut_back
 from .veil import Beside, Veil, adjoining, out_again
 
 SMALL = 400
@@ -122,7 +122,7 @@ class MaskFollower:
 
     def finished(self, frame: np.ndarray, mask: np.ndarray) -> np.ndarray:
         """See `through.Follower.finished`."""
-        return trimmed(frame, mask, self._plate) if self._trim and self._plate is not None else mask
+        return cut_back(frame, mask, self._plate) if self._trim and self._plate is not None else mask
 
     def state(self) -> dict[str, np.ndarray]:
         """See `through.Follower.state`."""

@@ -1,0 +1,134 @@
+"""The rim of a silhouette that was found before a known background: without the shadow that hangs on it, and cut in the middle of its blur.
+
+A shadow that moves along with the thing that casts it differs from the background as the thing does. But it fades out over more pixels
+than the lens spreads an edge over, as no light comes from a point, and the thing's own edge is the sharper one.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from .background import Plate, largest
+from .motion import cut, paste, window_of
+
+BLURRED, LOCAL = 2.0, 3.0
+"""Pixels inside an outline that its blurred rim reaches, and pixels over which the contrast of what lies deeper is averaged."""
+
+CORE = 0.3
+"""Depth of a silhouette from which it is surely the object, in units of its largest."""
+
+SMALLEST = 9
+"""Pixels of a part below which its edges are too short to tell anything."""
+
+DARKER = 0.8
+"""Part of a shadow that is darker than the background in every channel, if the rest may be noise."""
+
+WEAKER = 0.8
+"""Contrast of a shadow's outer edge per pixel, in units of that of the edge between it and the object, at most."""
+
+SOFTER = 0.6
+"""How steeply a shadow's outer edge rises to its contrast, in units of how steeply the object's own edge does, at most."""
+
+STEEP = (0.15, 0.25)
+"""Part of its contrast that an edge gains per pixel: the least of a thing that may cast a shadow, and the usual where all of its rim is
+in doubt."""
+
+EDGE = 3
+"""Pixels over which an edge rises to its contrast."""
+
+
+def cut_back(frame: np.ndarray, mask: np.ndarray, plate: Plate) -> np.ndarray:
+    """The outline `mask` (H, W) bool in `frame` (H, W, 3) uint8 as it is handed on: `unshaded`, then `trimmed`."""
+    return trimmed(frame, unshaded(frame, mask, plate), plate)
+
+
+def unshaded(frame: np.ndarray, mask: np.ndarray, plate: Plate) -> np.ndarray:
+    """The outline `mask` (H, W) bool without the shadow that hangs on it.
+
+    Steepest edges between its core and what lies beside it are found by watershed (Meyer 1992). A part of it outside them is a shadow
+    if it is darker than the background, and ends in an edge that is weaker than that towards the core and softer than the rim elsewhere.
+    """
+    if not mask.any():
+        return mask
+    window = window_of(mask, 2 * EDGE + 2)
+    smooth, behind = (cv2.GaussianBlur(one, (0, 0), 1.0) for one in (cut(frame, window), cut(plate.color, window)))
+    shape = cut(mask, window)
+    core = _core(smooth, shape)
+    rest = cv2.morphologyEx((shape & ~core).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(rest, connectivity=4)
+    if count < 2:
+        return mask
+    away = largest(cv2.absdiff(smooth, behind)).astype(np.float32)
+    dark = cv2.subtract(behind, smooth).min(axis=2) > 0.5 * plate.noise
+    slope = _slope(smooth)
+    contrast = cv2.dilate(away, np.ones((2 * EDGE + 1, 2 * EDGE + 1), np.uint8))
+    steep = slope / np.maximum(contrast, np.float32(4.0 * plate.noise))
+    inner, outer = _rim(core), _rim(shape)
+    own = max(STEEP[0], float(np.median(steep[inner & outer]))) if (inner & outer).any() else STEEP[1]
+    shade = np.zeros(count, bool)
+    for one in range(1, count):
+        if stats[one, cv2.CC_STAT_AREA] < SMALLEST:
+            continue
+        x0, y0, wide, high = stats[one, :4]
+        part = np.s_[max(y0 - 2, 0) : y0 + high + 2, max(x0 - 2, 0) : x0 + wide + 2]
+        own_pixels = labels[part] == one
+        near = cv2.dilate(own_pixels.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+        begins, ends = near & (inner & ~outer)[part], near & (outer & ~inner)[part]
+        if not begins.any() or not ends.any() or dark[part][own_pixels].mean() < DARKER:
+            continue
+        weaker = np.median(slope[part][ends]) < WEAKER * np.median(slope[part][begins])
+        shade[one] = weaker and np.median(steep[part][ends]) < SOFTER * own
+    if not shade.any():
+        return mask
+    left = mask.copy()
+    # Slivers between the shadow and the rim go with it.
+    paste(left, cv2.morphologyEx((shape & ~shade[labels]).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)) > 0, window)
+    return left
+
+
+def _core(smooth: np.ndarray, shape: np.ndarray) -> np.ndarray:
+    """The part (h, w) bool of `shape` (h, w) bool within the steepest edges of `smooth` (h, w, 3) uint8 round its deepest places."""
+    depth = cv2.distanceTransform(np.pad(shape, 1, mode="edge").astype(np.uint8), cv2.DIST_L2, 5)[1:-1, 1:-1]
+    marks = np.zeros(shape.shape, np.int32)
+    marks[cv2.dilate(shape.astype(np.uint8), np.ones((5, 5), np.uint8)) == 0] = 2
+    marks[depth > CORE * depth.max()] = 1
+    cv2.watershed(np.ascontiguousarray(smooth), marks)
+    # The line between two basins belongs to neither.
+    core: np.ndarray = (cv2.dilate((marks == 1).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0) & shape
+    return core
+
+
+def _slope(smooth: np.ndarray) -> np.ndarray:
+    """(h, w) float32 [grey levels per pixel], of the channel of `smooth` (h, w, 3) uint8 in which it is steepest."""
+    across, down = (cv2.Sobel(smooth, cv2.CV_32F, *way, scale=1.0 / 8.0) for way in ((1, 0), (0, 1)))
+    return np.sqrt(largest(across * across + down * down))
+
+
+def _rim(shape: np.ndarray) -> np.ndarray:
+    """(h, w) bool: pixels beside the border of `shape` (h, w) bool, on either side."""
+    kernel, one = np.ones((3, 3), np.uint8), shape.astype(np.uint8)
+    rim: np.ndarray = cv2.dilate(one, kernel) > cv2.erode(one, kernel)
+    return rim
+
+
+def trimmed(frame: np.ndarray, mask: np.ndarray, plate: Plate) -> np.ndarray:
+    """The outline `mask` (H, W) bool without the outer half of its blurred rim, where the background is known.
+
+    A lens spreads an edge over pixels on either side of it: the object ends where half is left of the contrast that it has farther in.
+    Nothing is added, as a shadow beside it may have as much; what is too thin to have an inside stays as it is.
+    """
+    if not mask.any():
+        return mask
+    window = window_of(mask, 3)
+    apart = cv2.GaussianBlur(cut(frame, window).astype(np.float32) - cut(plate.color, window), (0, 0), 0.5)
+    shape, (red, green, blue) = cut(mask, window, cv2.BORDER_CONSTANT), cv2.split(apart)
+    away = np.sqrt(red * red + green * green + blue * blue)
+    depth = cv2.distanceTransform(shape.astype(np.uint8), cv2.DIST_L2, 5)
+    inner = (depth > BLURRED).astype(np.float32)
+    near, level = (cv2.GaussianBlur(one, (0, 0), LOCAL) for one in (inner, inner * away))
+    known = cut(plate.reliable, window, cv2.BORDER_CONSTANT) & (near > 1e-3)
+    gone = shape & (depth <= BLURRED) & known & (away * near <= 0.5 * level)
+    left = mask.copy()
+    paste(left, shape & ~gone, window)
+    return left
