@@ -14,6 +14,7 @@ import numpy as np
 from .background import Plate
 from .cutting import enclosed
 from .motion import Window, cut, window_of
+from .rim import core
 
 DIFFERS = 3.0
 """Times the noise from which a pixel differs from the background."""
@@ -99,9 +100,11 @@ class Contrast:
             assert plate is not None  # without one, nothing can be seen before it
             window = window_of(mask, 8 + int(0.35 * np.sqrt(mask.sum())))
             classes, known = _classes(*plate.compared(frame, window), plate.noise), cut(plate.reliable, window, cv2.BORDER_CONSTANT)
-            shape = _unshaded(cut(mask, window, cv2.BORDER_CONSTANT), classes % 3 > 0).astype(np.uint8)
-            # The rim is both.
-            inside.append(classes[(cv2.erode(shape, np.ones((3, 3), np.uint8)) > 0) & known])
+            whole = cut(mask, window, cv2.BORDER_CONSTANT)
+            shape = _unshaded(whole, classes % 3 > 0).astype(np.uint8)
+            # What lies beyond the steepest edges may be a shadow or a codec's smear that was taken in. The rim is both.
+            own = shape & core(cv2.GaussianBlur(cut(frame, window), (0, 0), 1.0), whole)
+            inside.append(classes[(cv2.erode(own, np.ones((3, 3), np.uint8)) > 0) & known])
             beside.append(classes[(cv2.dilate(shape, np.ones((5, 5), np.uint8)) == 0) & ~enclosed(shape) & known])
         front = self._learnt(np.concatenate(inside), self._usual(*FRONT, 1.0))
         behind = self._learnt(np.concatenate(beside), self._usual(*BEHIND, 0.5))
@@ -170,10 +173,11 @@ def against_plate(
     known = cut(plate.reliable, window, cv2.BORDER_CONSTANT)
     odds = contrast.odds(away, light, plate.noise)
     odds = np.where(away < DIFFERS * plate.noise, np.maximum(odds, least), odds)
-    rim = cv2.distanceTransform((odds > 0.0).astype(np.uint8), cv2.DIST_L2, 3) <= RIM
+    depth = cv2.distanceTransform((odds > 0.0).astype(np.uint8), cv2.DIST_L2, 3)
     reach = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * int(RIM) + 1, 2 * int(RIM) + 1))
-    half = np.clip((away - 0.5 * cv2.dilate(away, reach)) / plate.noise, -SURE, SURE)
-    return np.where(rim, np.minimum(odds, half), odds).astype(np.float32), known
+    inside = cv2.dilate(away, reach)
+    half = np.clip((away - 0.5 * inside) / plate.noise, -SURE, SURE)
+    return np.where(depth <= RIM, np.minimum(odds, half), odds).astype(np.float32), known
 
 
 def against_shape(shape: np.ndarray, band: float) -> np.ndarray:

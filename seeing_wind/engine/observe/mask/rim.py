@@ -54,8 +54,8 @@ def unshaded(frame: np.ndarray, mask: np.ndarray, plate: Plate) -> np.ndarray:
     window = window_of(mask, 2 * EDGE + 2)
     smooth, behind = (cv2.GaussianBlur(one, (0, 0), 1.0) for one in (cut(frame, window), cut(plate.color, window)))
     shape = cut(mask, window)
-    core = _core(smooth, shape)
-    rest = cv2.morphologyEx((shape & ~core).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
+    own = core(smooth, shape)
+    rest = cv2.morphologyEx((shape & ~own).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
     count, labels, stats, _ = cv2.connectedComponentsWithStats(rest, connectivity=4)
     if count < 2:
         return mask
@@ -64,21 +64,21 @@ def unshaded(frame: np.ndarray, mask: np.ndarray, plate: Plate) -> np.ndarray:
     slope = _slope(smooth)
     contrast = cv2.dilate(away, np.ones((2 * EDGE + 1, 2 * EDGE + 1), np.uint8))
     steep = slope / np.maximum(contrast, np.float32(4.0 * plate.noise))
-    inner, outer = _rim(core), _rim(shape)
-    own = max(STEEP[0], float(np.median(steep[inner & outer]))) if (inner & outer).any() else STEEP[1]
+    inner, outer = _rim(own), _rim(shape)
+    usual = max(STEEP[0], float(np.median(steep[inner & outer]))) if (inner & outer).any() else STEEP[1]
     shade = np.zeros(count, bool)
     for one in range(1, count):
         if stats[one, cv2.CC_STAT_AREA] < SMALLEST:
             continue
         x0, y0, wide, high = stats[one, :4]
         part = np.s_[max(y0 - 2, 0) : y0 + high + 2, max(x0 - 2, 0) : x0 + wide + 2]
-        own_pixels = labels[part] == one
-        near = cv2.dilate(own_pixels.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+        pixels = labels[part] == one
+        near = cv2.dilate(pixels.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
         begins, ends = near & (inner & ~outer)[part], near & (outer & ~inner)[part]
-        if not begins.any() or not ends.any() or dark[part][own_pixels].mean() < DARKER:
+        if not begins.any() or not ends.any() or dark[part][pixels].mean() < DARKER:
             continue
         weaker = np.median(slope[part][ends]) < WEAKER * np.median(slope[part][begins])
-        shade[one] = weaker and np.median(steep[part][ends]) < SOFTER * own
+        shade[one] = weaker and np.median(steep[part][ends]) < SOFTER * usual
     if not shade.any():
         return mask
     left = mask.copy()
@@ -87,7 +87,7 @@ def unshaded(frame: np.ndarray, mask: np.ndarray, plate: Plate) -> np.ndarray:
     return left
 
 
-def _core(smooth: np.ndarray, shape: np.ndarray) -> np.ndarray:
+def core(smooth: np.ndarray, shape: np.ndarray) -> np.ndarray:
     """The part (h, w) bool of `shape` (h, w) bool within the steepest edges of `smooth` (h, w, 3) uint8 round its deepest places."""
     depth = cv2.distanceTransform(np.pad(shape, 1, mode="edge").astype(np.uint8), cv2.DIST_L2, 5)[1:-1, 1:-1]
     marks = np.zeros(shape.shape, np.int32)
@@ -95,8 +95,8 @@ def _core(smooth: np.ndarray, shape: np.ndarray) -> np.ndarray:
     marks[depth > CORE * depth.max()] = 1
     cv2.watershed(np.ascontiguousarray(smooth), marks)
     # The line between two basins belongs to neither.
-    core: np.ndarray = (cv2.dilate((marks == 1).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0) & shape
-    return core
+    inside: np.ndarray = (cv2.dilate((marks == 1).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0) & shape
+    return inside
 
 
 def _slope(smooth: np.ndarray) -> np.ndarray:
