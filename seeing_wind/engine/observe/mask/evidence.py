@@ -22,6 +22,9 @@ DIFFERS = 3.0
 SURE = 4.0
 """Log odds that the background alone can give: a silhouette far away or a box still outweighs them."""
 
+SMALL = 400
+"""Pixels below which an object has too few colours and too small an inside for flow and GrabCut."""
+
 OUTSIDE = -50.0
 """Log odds of what is certainly not the object."""
 
@@ -198,13 +201,16 @@ def band_of(area: float) -> float:
     return float(np.clip(0.06 * np.sqrt(area), 2.0, 9.0))
 
 
-def cut_out(odds: np.ndarray, frame: np.ndarray) -> np.ndarray:
-    """(h, w) bool where `odds` (h, w), smoothed along the edges of `frame` (h, w, 3) uint8, are positive: He's guided filter."""
+def cut_out(odds: np.ndarray, frame: np.ndarray, area: float) -> np.ndarray:
+    """(h, w) bool where `odds` (h, w), smoothed along the edges of `frame` (h, w, 3) uint8, are positive: He's guided filter.
+
+    It is narrow for an expected `area` [px] that is SMALL: on the round rim of a small thing, what surrounds it is the majority.
+    """
     guide = cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY).astype(np.float32)
-    values = np.clip(odds, -2.0 * SURE, 2.0 * SURE).astype(np.float32)
+    values, across = np.clip(odds, -2.0 * SURE, 2.0 * SURE).astype(np.float32), 3 if area < SMALL else 5
 
     def mean(of: np.ndarray) -> np.ndarray:
-        return cv2.blur(of, (5, 5))
+        return cv2.blur(of, (across, across))
 
     middle, level = mean(guide), mean(values)
     slope = (mean(guide * values) - middle * level) / (mean(guide * guide) - middle**2 + NO_EDGE**2)

@@ -1,4 +1,5 @@
-"""The rim of a silhouette that was found before a known background: without the shadow that hangs on it, and cut in the middle of its blur.
+"""The rim of a silhouette that was found before a known background: without the shadow that hangs on it and what its box cuts through, and
+cut in the middle of its blur.
 
 A shadow that moves along with the thing that casts it differs from the background as the thing does. But it fades out over more pixels
 than the lens spreads an edge over, as no light comes from a point, and the thing's own edge is the sharper one.
@@ -10,7 +11,7 @@ import cv2
 import numpy as np
 
 from .background import Plate, largest
-from .motion import cut, paste, window_of
+from .motion import Window, cut, paste, window_of
 
 BLURRED, LOCAL = 2.0, 3.0
 """Pixels inside an outline that its blurred rim reaches, and pixels over which the contrast of what lies deeper is averaged."""
@@ -34,6 +35,9 @@ STEEP = (0.15, 0.25)
 """Part of its contrast that an edge gains per pixel: the least of a thing that may cast a shadow, and the usual where all of its rim is
 in doubt."""
 
+CUT = 0.75
+"""Length of a box's border across a part, in units of the root of the part's area, from which the part goes on beyond it."""
+
 EDGE = 3
 """Pixels over which an edge rises to its contrast."""
 
@@ -41,6 +45,26 @@ EDGE = 3
 def cut_back(frame: np.ndarray, mask: np.ndarray, plate: Plate) -> np.ndarray:
     """The outline `mask` (H, W) bool in `frame` (H, W, 3) uint8 as it is handed on: `unshaded`, then `trimmed`."""
     return trimmed(frame, unshaded(frame, mask, plate), plate)
+
+
+def boxed_in(frame: np.ndarray, mask: np.ndarray, box: np.ndarray, plate: Plate) -> np.ndarray:
+    """The outline `mask` (H, W) bool without parts that the `box` (H, W) bool, drawn round the object, cuts through: they go on outside it.
+
+    Such a part lies beyond the steepest edges, the box's border cuts it about as wide as it is, and no background is known beyond that.
+    """
+    if not mask.any() or (mask & ~box).any():
+        return mask
+    window = window_of(mask, 2 * EDGE)
+    smooth, shape = cv2.GaussianBlur(cut(frame, window), (0, 0), 1.0), cut(mask, window)
+    labels, stats = _parts(shape & ~core(smooth, shape))
+    unseen = ~(plate.reliable & (plate.difference(frame) < 3.0 * plate.noise)) & ~box
+    beyond = cut(unseen, window, cv2.BORDER_CONSTANT).astype(np.uint8)
+    # Pixels outside a box that is drawn with a pen's width to spare count as its border.
+    border = cv2.dilate(beyond, np.ones((2 * EDGE - 1, 2 * EDGE - 1), np.uint8)) > 0
+    cuts = np.bincount(labels[border], minlength=len(stats)) / (EDGE - 1.0)
+    gone = cuts > CUT * np.sqrt(stats[:, cv2.CC_STAT_AREA])
+    gone[0] = False
+    return _without(mask, shape, gone[labels], window) if gone.any() else mask
 
 
 def unshaded(frame: np.ndarray, mask: np.ndarray, plate: Plate) -> np.ndarray:
@@ -55,9 +79,8 @@ def unshaded(frame: np.ndarray, mask: np.ndarray, plate: Plate) -> np.ndarray:
     smooth, behind = (cv2.GaussianBlur(one, (0, 0), 1.0) for one in (cut(frame, window), cut(plate.color, window)))
     shape = cut(mask, window)
     own = core(smooth, shape)
-    rest = cv2.morphologyEx((shape & ~own).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(rest, connectivity=4)
-    if count < 2:
+    labels, stats = _parts(shape & ~own)
+    if len(stats) < 2:
         return mask
     away = largest(cv2.absdiff(smooth, behind)).astype(np.float32)
     dark = cv2.subtract(behind, smooth).min(axis=2) > 0.5 * plate.noise
@@ -66,8 +89,8 @@ def unshaded(frame: np.ndarray, mask: np.ndarray, plate: Plate) -> np.ndarray:
     steep = slope / np.maximum(contrast, np.float32(4.0 * plate.noise))
     inner, outer = _rim(own), _rim(shape)
     usual = max(STEEP[0], float(np.median(steep[inner & outer]))) if (inner & outer).any() else STEEP[1]
-    shade = np.zeros(count, bool)
-    for one in range(1, count):
+    shade = np.zeros(len(stats), bool)
+    for one in range(1, len(stats)):
         if stats[one, cv2.CC_STAT_AREA] < SMALLEST:
             continue
         x0, y0, wide, high = stats[one, :4]
@@ -79,11 +102,20 @@ def unshaded(frame: np.ndarray, mask: np.ndarray, plate: Plate) -> np.ndarray:
             continue
         weaker = np.median(slope[part][ends]) < WEAKER * np.median(slope[part][begins])
         shade[one] = weaker and np.median(steep[part][ends]) < SOFTER * usual
-    if not shade.any():
-        return mask
+    return _without(mask, shape, shade[labels], window) if shade.any() else mask
+
+
+def _parts(rest: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Labels (h, w) of the parts of `rest` (h, w) bool that are no slivers, 0 elsewhere, and OpenCV's figures of each label."""
+    opened = cv2.morphologyEx(rest.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(opened, connectivity=4)
+    return labels, stats
+
+
+def _without(mask: np.ndarray, shape: np.ndarray, gone: np.ndarray, window: Window) -> np.ndarray:
+    """`mask` (H, W) bool, which is `shape` (h, w) bool in `window`, without what is `gone` (h, w) bool and slivers beside that."""
     left = mask.copy()
-    # Slivers between the shadow and the rim go with it.
-    paste(left, cv2.morphologyEx((shape & ~shade[labels]).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)) > 0, window)
+    paste(left, cv2.morphologyEx((shape & ~gone).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)) > 0, window)
     return left
 
 
