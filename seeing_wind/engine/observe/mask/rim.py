@@ -54,14 +54,14 @@ def boxed_in(frame: np.ndarray, mask: np.ndarray, box: np.ndarray, plate: Plate)
     """
     if not mask.any() or (mask & ~box).any():
         return mask
-    window = window_of(mask, 2 * EDGE)
+    window = window_of(mask, 8)
     smooth, shape = cv2.GaussianBlur(cut(frame, window), (0, 0), 1.0), cut(mask, window)
     labels, stats = _parts(shape & ~core(smooth, shape))
-    unseen = ~(plate.reliable & (plate.difference(frame) < 3.0 * plate.noise)) & ~box
-    beyond = cut(unseen, window, cv2.BORDER_CONSTANT).astype(np.uint8)
-    # Pixels outside a box that is drawn with a pen's width to spare count as its border.
-    border = cv2.dilate(beyond, np.ones((2 * EDGE - 1, 2 * EDGE - 1), np.uint8)) > 0
-    cuts = np.bincount(labels[border], minlength=len(stats)) / (EDGE - 1.0)
+    unseen = ~(plate.reliable & (plate.difference(frame) < 3.0 * plate.noise))
+    # Nearer to the box, a lens and a codec spread what touches its border.
+    beyond = cut(unseen & (cv2.dilate(box.astype(np.uint8), np.ones((5, 5), np.uint8)) == 0), window, cv2.BORDER_CONSTANT)
+    border = cv2.dilate(beyond.astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
+    cuts = np.bincount(labels[border], minlength=len(stats)) / 2.0
     gone = cuts > CUT * np.sqrt(stats[:, cv2.CC_STAT_AREA])
     gone[0] = False
     return _without(mask, shape, gone[labels], window) if gone.any() else mask
