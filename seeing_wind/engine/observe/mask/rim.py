@@ -80,28 +80,26 @@ def unshaded(frame: np.ndarray, mask: np.ndarray, plate: Plate) -> np.ndarray:
     shape = cut(mask, window)
     own = core(smooth, shape)
     labels, stats = _parts(shape & ~own)
-    if len(stats) < 2:
-        return mask
-    away = largest(cv2.absdiff(smooth, behind)).astype(np.float32)
+    area = stats[:, cv2.CC_STAT_AREA]
     dark = cv2.subtract(behind, smooth).min(axis=2) > 0.5 * plate.noise
-    slope = _slope(smooth)
+    doubtful = (np.bincount(labels[dark], minlength=len(stats)) >= DARKER * area) & (area >= SMALLEST)
+    doubtful[0] = False
+    if not doubtful.any():
+        return mask
+    away, slope = largest(cv2.absdiff(smooth, behind)).astype(np.float32), _slope(smooth)
     contrast = cv2.dilate(away, np.ones((2 * EDGE + 1, 2 * EDGE + 1), np.uint8))
     steep = slope / np.maximum(contrast, np.float32(4.0 * plate.noise))
     inner, outer = _rim(own), _rim(shape)
     usual = max(STEEP[0], float(np.median(steep[inner & outer]))) if (inner & outer).any() else STEEP[1]
     shade = np.zeros(len(stats), bool)
-    for one in range(1, len(stats)):
-        if stats[one, cv2.CC_STAT_AREA] < SMALLEST:
-            continue
+    for one in np.flatnonzero(doubtful):
         x0, y0, wide, high = stats[one, :4]
         part = np.s_[max(y0 - 2, 0) : y0 + high + 2, max(x0 - 2, 0) : x0 + wide + 2]
-        pixels = labels[part] == one
-        near = cv2.dilate(pixels.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+        near = cv2.dilate((labels[part] == one).astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
         begins, ends = near & (inner & ~outer)[part], near & (outer & ~inner)[part]
-        if not begins.any() or not ends.any() or dark[part][pixels].mean() < DARKER:
-            continue
-        weaker = np.median(slope[part][ends]) < WEAKER * np.median(slope[part][begins])
-        shade[one] = weaker and np.median(steep[part][ends]) < SOFTER * usual
+        if begins.any() and ends.any():
+            weaker = np.median(slope[part][ends]) < WEAKER * np.median(slope[part][begins])
+            shade[one] = weaker and np.median(steep[part][ends]) < SOFTER * usual
     return _without(mask, shape, shade[labels], window) if shade.any() else mask
 
 
