@@ -17,8 +17,8 @@ from .clip.lens import Lens
 from .clip.stored import Frames
 from .mask.background import Plate
 from .mask.evidence import Contrast
-from .mask.flows import Flows
 from .mask.follow import MaskFollower
+from .mask.motion import Flows
 from .mask.through import Follower, followed
 from .networks import Outlined, network_masks, network_tracks
 from .tracks.centroid import centroid_track

@@ -20,9 +20,8 @@ from .clip.stored import Frames
 from .mask.background import Plate
 from .mask.cutting import LEAST_PIXELS
 from .mask.first_mask import first_mask, point_list
-from .mask.flows import Flows
 from .mask.from_box import Moving, mask_in_box
-from .mask.motion import Flow, FlowSolver, middle_of, window_of
+from .mask.motion import Flow, Flows, FlowSolver, middle_of, window_of
 from .tracks.tracker import find_corners
 
 LEAST_TRACKS = 3

@@ -23,8 +23,9 @@ from .clip.frames import Clip, read_clip
 from .clip.lens import Lens
 from .clip.opencv_threads import one_thread
 from .clip.shake import as_filmed, camera_turns, homography, stabilise, through_mask, turning
+from .clip.stillness import stands_still
 from .following import follow
-from .mask.background import clean_plate, median_plate, stands_still
+from .mask.background import clean_plate, median_plate
 from .mask.by_turns import with_background
 from .mask.corrected import Marks, carried_to_first, marks_of, with_corrections
 from .mask.cutting import LEAST_PIXELS

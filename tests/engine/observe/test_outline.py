@@ -13,9 +13,10 @@ from seeing_wind.engine.masks import Masks
 from seeing_wind.engine.observe import observe
 from seeing_wind.engine.observe.mask.background import Plate, plate_behind
 from seeing_wind.engine.observe.mask.cutting import tidy
-from seeing_wind.engine.observe.mask.evidence import Contrast, against_plate, against_shape, cut_out, trimmed
+from seeing_wind.engine.observe.mask.evidence import Contrast, against_plate, against_shape, cut_out
 from seeing_wind.engine.observe.mask.follow import MaskFollower
 from seeing_wind.engine.observe.mask.from_box import moving_in, moving_odds
+from seeing_wind.engine.observe.mask.rim import trimmed
 from seeing_wind.engine.progress import NoProgress
 from seeing_wind.engine.settings import ObserveSettings
 
@@ -212,7 +213,7 @@ def test_evidence_is_cut_along_the_edges_of_the_frame() -> None:
     frame[:, 30:] = 200
     expected = np.zeros((60, 60), bool)
     expected[:, 32:] = True
-    found = cut_out(against_shape(expected, 8.0), frame)
+    found = cut_out(against_shape(expected, 8.0), frame, 1800.0)
     assert abs(found.sum() - 60 * 30) < 60 * 3
     assert against_shape(expected, 8.0)[30, 59] > 0.0 > against_shape(expected, 8.0)[30, 0]
 

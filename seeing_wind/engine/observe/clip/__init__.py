@@ -4,6 +4,7 @@
     images.py   one image from a file
     camera.py   intrinsics, poses, distance           transforms.py      the camera file of nerfstudio and instant-ngp
     lens.py     lens distortion                       shake.py           a hand-held camera's turns
+    stillness.py  whether the camera stands still
     depth.py    depth in frame 0                      defects.py         black frames, cuts, blur, an object that leaves
     filmed/     how it was filmed, where that spoils it: interlaced, slow motion, focus, shutter, ropes
     opencv_threads.py  OpenCV on one thread            video.py           writing MP4

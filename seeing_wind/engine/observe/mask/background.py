@@ -1,4 +1,4 @@
-"""What is behind the object: whether the camera stands still, the temporal median, and where that median can be trusted."""
+"""What is behind the object where the camera stands still: the temporal median, and where that median can be trusted."""
 
 from __future__ import annotations
 
@@ -11,17 +11,9 @@ import numpy as np
 
 from ...masks import Masks, box_of, rows_columns
 from ...progress import Progress
-from ...records import Camera
-from ..clip.shake import surrounding_corners
 from ..clip.stored import Frames
 from .cutting import enclosed, grown
 from .motion import Window, cut, passed, within
-
-STILL = 1.5
-"""Pixels by which corners of the surroundings may move for the camera to count as standing still; the plate bears as much."""
-
-STILL_PART = 0.3
-"""Part of the corners that must stay: the rest may belong to other things that move, while a camera that moves carries all along."""
 
 GRAIN = 0.8
 """Standard deviation of the blur [px] that averages grain out before a frame is compared."""
@@ -103,32 +95,6 @@ def largest(frame: np.ndarray) -> np.ndarray:
     """The largest of three channels (H, W, 3) -> (H, W); NumPy is twenty times slower over so short an axis."""
     first, second, third = cv2.split(frame)
     return cv2.max(cv2.max(first, second), third)
-
-
-def stands_still(frames: Frames, camera: Camera, around: np.ndarray) -> bool:
-    """True when the camera does not move over the clip.
-
-    Args:
-        frames: (T+1, H, W, 3) uint8 RGB.
-        camera: its matrices decide when they say that it moves.
-        around: (H, W) bool, where the object is in frame 0 and corners are not to be trusted.
-    """
-    if np.ndim(camera.camera_to_world) == 3:
-        return False
-    if around.all():
-        return True
-    first = cv2.cvtColor(frames[0], cv2.COLOR_RGB2GRAY)
-    corners = surrounding_corners(first, around, 8.0)
-    if corners is None:
-        # Nothing to hold on to (a plain studio wall, before which another thing may move): a moving camera would still shift what there is.
-        return bool(np.median(cv2.absdiff(frames[0], frames[-1])[~around]) < 3)
-    for t in np.unique(np.linspace(1, len(frames) - 1, 4).astype(int)):
-        gray = cv2.cvtColor(frames[t], cv2.COLOR_RGB2GRAY)
-        moved, found, _ = cv2.calcOpticalFlowPyrLK(first, gray, corners, None, winSize=(15, 15), maxLevel=3)
-        shift = np.linalg.norm((moved - corners)[found.ravel() > 0].reshape(-1, 2), axis=1)
-        if (shift < STILL).sum() < STILL_PART * len(corners):
-            return False
-    return True
 
 
 def median_plate(frames: Frames, progress: Progress) -> Plate:

@@ -10,11 +10,11 @@ from ...progress import Journal, Progress
 from ...settings import ObserveSettings
 from ..clip.stored import Frames
 from .background import Plate, plate_behind, seen_first
-from .evidence import Contrast, trimmed
-from .flows import Flows
+from .evidence import Contrast
 from .follow import MaskFollower
 from .from_box import NEARBY, Moving, refined
-from .motion import window_of, within
+from .motion import Flows, window_of, within
+from .rim import boxed_in, cut_back
 from .through import followed
 
 ROUGH_PIXELS = 40_000
@@ -52,7 +52,7 @@ def with_background(
     motion = moving(within(window_of(allowed, NEARBY), mask)) if boxed else None
     plate = seen_first(plate, frames, mask, around if settings.box is not None else mask)
     if motion is not None:
-        mask = refined(frames[0], mask, plate, allowed, motion)
+        mask = boxed_in(frames[0], refined(frames[0], mask, plate, allowed, motion), around, plate)
     contrast, flows, stayed = None, None, np.zeros_like(mask)
     if not settings.mask_model:
         masks, flows = _roughly(frames, mask, plate, progress, journal)
@@ -63,7 +63,8 @@ def with_background(
             contrast = Contrast(plate, ((frames[int(t)], masks[int(t)]) for t in some))
             stayed = stays(frames[0], masks, Plate(median, np.ones_like(mask), plate.noise)) & allowed
     if motion is not None:
-        mask = trimmed(frames[0], refined(frames[0], mask | stayed, plate, allowed, motion, contrast), plate)
+        found = refined(frames[0], mask | stayed, plate, allowed, motion, contrast)
+        mask = cut_back(frames[0], boxed_in(frames[0], found, around, plate), plate)
     return mask, plate, contrast, flows
 
 

@@ -16,10 +16,9 @@ from .background import Plate
 from .cutting import LEAST_PIXELS, grab_cut, tidy
 from .evidence import RIM, Contrast
 from .first_mask import SEED
-from .flows import Flows
 from .follow import MaskFollower
 from .from_box import FEW
-from .motion import FlowSolver, cut, middle_of, paste, window_of, within
+from .motion import Flows, FlowSolver, cut, middle_of, paste, window_of, within
 from .through import followed
 
 LOCAL = 0.6

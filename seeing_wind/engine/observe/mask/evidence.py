@@ -13,13 +13,17 @@ import numpy as np
 
 from .background import Plate
 from .cutting import enclosed
-from .motion import Window, cut, paste, window_of
+from .motion import Window, cut, window_of
+from .rim import core
 
 DIFFERS = 3.0
 """Times the noise from which a pixel differs from the background."""
 
 SURE = 4.0
 """Log odds that the background alone can give: a silhouette far away or a box still outweighs them."""
+
+SMALL = 400
+"""Pixels below which an object has too few colours and too small an inside for flow and GrabCut."""
 
 OUTSIDE = -50.0
 """Log odds of what is certainly not the object."""
@@ -29,9 +33,6 @@ STAYS = 0.7
 
 RIM = 3.5
 """Pixels over which a lens and a codec spread the object's rim: there the object ends where half of its contrast is left."""
-
-BLURRED, LOCAL = 2.0, 3.0
-"""Pixels inside an outline that its blurred rim reaches, and pixels over which the contrast of what lies deeper is averaged."""
 
 LEVELS = (1.0, 2.0, DIFFERS, 4.5, 6.5, 9.0, 13.0, 18.0, 26.0, 40.0, 60.0)
 """Bounds of the classes of difference from the background [times the noise]."""
@@ -102,9 +103,11 @@ class Contrast:
             assert plate is not None  # without one, nothing can be seen before it
             window = window_of(mask, 8 + int(0.35 * np.sqrt(mask.sum())))
             classes, known = _classes(*plate.compared(frame, window), plate.noise), cut(plate.reliable, window, cv2.BORDER_CONSTANT)
-            shape = _unshaded(cut(mask, window, cv2.BORDER_CONSTANT), classes % 3 > 0).astype(np.uint8)
-            # The rim is both.
-            inside.append(classes[(cv2.erode(shape, np.ones((3, 3), np.uint8)) > 0) & known])
+            whole = cut(mask, window, cv2.BORDER_CONSTANT)
+            shape = _unshaded(whole, classes % 3 > 0).astype(np.uint8)
+            # What lies beyond the steepest edges may be a shadow or a codec's smear that was taken in. The rim is both.
+            own = shape & core(cv2.GaussianBlur(cut(frame, window), (0, 0), 1.0), whole)
+            inside.append(classes[(cv2.erode(own, np.ones((3, 3), np.uint8)) > 0) & known])
             beside.append(classes[(cv2.dilate(shape, np.ones((5, 5), np.uint8)) == 0) & ~enclosed(shape) & known])
         front = self._learnt(np.concatenate(inside), self._usual(*FRONT, 1.0))
         behind = self._learnt(np.concatenate(beside), self._usual(*BEHIND, 0.5))
@@ -173,32 +176,11 @@ def against_plate(
     known = cut(plate.reliable, window, cv2.BORDER_CONSTANT)
     odds = contrast.odds(away, light, plate.noise)
     odds = np.where(away < DIFFERS * plate.noise, np.maximum(odds, least), odds)
-    rim = cv2.distanceTransform((odds > 0.0).astype(np.uint8), cv2.DIST_L2, 3) <= RIM
+    depth = cv2.distanceTransform((odds > 0.0).astype(np.uint8), cv2.DIST_L2, 3)
     reach = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * int(RIM) + 1, 2 * int(RIM) + 1))
-    half = np.clip((away - 0.5 * cv2.dilate(away, reach)) / plate.noise, -SURE, SURE)
-    return np.where(rim, np.minimum(odds, half), odds).astype(np.float32), known
-
-
-def trimmed(frame: np.ndarray, mask: np.ndarray, plate: Plate) -> np.ndarray:
-    """The outline `mask` (H, W) bool without the outer half of its blurred rim, where the background is known.
-
-    A lens spreads an edge over pixels on either side of it: the object ends where half is left of the contrast that it has farther in.
-    Nothing is added, as a shadow beside it may have as much; what is too thin to have an inside stays as it is.
-    """
-    if not mask.any():
-        return mask
-    window = window_of(mask, 3)
-    apart = cv2.GaussianBlur(cut(frame, window).astype(np.float32) - cut(plate.color, window), (0, 0), 0.5)
-    shape, (red, green, blue) = cut(mask, window, cv2.BORDER_CONSTANT), cv2.split(apart)
-    away = np.sqrt(red * red + green * green + blue * blue)
-    depth = cv2.distanceTransform(shape.astype(np.uint8), cv2.DIST_L2, 5)
-    inner = (depth > BLURRED).astype(np.float32)
-    near, level = (cv2.GaussianBlur(one, (0, 0), LOCAL) for one in (inner, inner * away))
-    known = cut(plate.reliable, window, cv2.BORDER_CONSTANT) & (near > 1e-3)
-    gone = shape & (depth <= BLURRED) & known & (away * near <= 0.5 * level)
-    left = mask.copy()
-    paste(left, shape & ~gone, window)
-    return left
+    inside = cv2.dilate(away, reach)
+    half = np.clip((away - 0.5 * inside) / plate.noise, -SURE, SURE)
+    return np.where(depth <= RIM, np.minimum(odds, half), odds).astype(np.float32), known
 
 
 def against_shape(shape: np.ndarray, band: float) -> np.ndarray:
@@ -219,13 +201,16 @@ def band_of(area: float) -> float:
     return float(np.clip(0.06 * np.sqrt(area), 2.0, 9.0))
 
 
-def cut_out(odds: np.ndarray, frame: np.ndarray) -> np.ndarray:
-    """(h, w) bool where `odds` (h, w), smoothed along the edges of `frame` (h, w, 3) uint8, are positive: He's guided filter."""
+def cut_out(odds: np.ndarray, frame: np.ndarray, area: float) -> np.ndarray:
+    """(h, w) bool where `odds` (h, w), smoothed along the edges of `frame` (h, w, 3) uint8, are positive: He's guided filter.
+
+    It is narrow for an expected `area` [px] that is SMALL: on the round rim of a small thing, what surrounds it is the majority.
+    """
     guide = cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY).astype(np.float32)
-    values = np.clip(odds, -2.0 * SURE, 2.0 * SURE).astype(np.float32)
+    values, across = np.clip(odds, -2.0 * SURE, 2.0 * SURE).astype(np.float32), 3 if area < SMALL else 5
 
     def mean(of: np.ndarray) -> np.ndarray:
-        return cv2.blur(of, (5, 5))
+        return cv2.blur(of, (across, across))
 
     middle, level = mean(guide), mean(values)
     slope = (mean(guide * values) - middle * level) / (mean(guide * guide) - middle**2 + NO_EDGE**2)

@@ -8,13 +8,10 @@ import numpy as np
 from ...progress import Progress
 from .background import Plate
 from .cutting import LEAST_PIXELS, grown, tidy
-from .evidence import Colors, Contrast, against_plate, against_shape, band_of, cut_out, trimmed
-from .flows import Flows
-from .motion import Flow, FlowSolver, Window, body_shift, cut, joined, middle_of, paste, placed, window_of, within
+from .evidence import SMALL, Colors, Contrast, against_plate, against_shape, band_of, cut_out
+from .motion import Flow, Flows, FlowSolver, Window, body_shift, cut, joined, middle_of, paste, placed, window_of, within
+from .rim import cut_back
 from .veil import Beside, Veil, adjoining, out_again
-
-SMALL = 400
-"""Pixels below which an object has too few colours and too small an inside for flow and GrabCut."""
 
 LOST = 0.3
 """A mask smaller than this part of what was expected means hidden or gone, and the shape seen last is kept for the search."""
@@ -122,7 +119,7 @@ class MaskFollower:
 
     def finished(self, frame: np.ndarray, mask: np.ndarray) -> np.ndarray:
         """See `through.Follower.finished`."""
-        return trimmed(frame, mask, self._plate) if self._trim and self._plate is not None else mask
+        return cut_back(frame, mask, self._plate) if self._trim and self._plate is not None else mask
 
     def state(self) -> dict[str, np.ndarray]:
         """See `through.Follower.state`."""
@@ -274,7 +271,7 @@ class MaskFollower:
                 known = known & ~((behind > 0.0) & grown(other))
             odds = np.where(known, np.minimum(odds, CARRIED) + behind + BESIDE_PLATE * colors, np.minimum(odds, CARRIED_BLIND) + colors)
             odds[other & ~carried] -= APART
-        return tidy(cut_out(odds, crop), carried)
+        return tidy(cut_out(odds, crop, float(carried.sum())), carried)
 
     def _remember(
         self, frame: np.ndarray, gray: np.ndarray, shift: np.ndarray, carried: np.ndarray, found: np.ndarray, where: Window

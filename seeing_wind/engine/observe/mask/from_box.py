@@ -215,7 +215,7 @@ def refined(
     expected = np.where(enclosed(shape), np.maximum(expected, 0.0), expected)
     odds = 0.5 * expected + np.where(known, odds + 0.6 * colors, colors + np.where(motion > 0.0, BLEEDS, 1.0) * motion)
     odds[~cut(allowed, window, cv2.BORDER_CONSTANT)] = OUTSIDE
-    found = tidy(cut_out(odds, crop), shape)
+    found = tidy(cut_out(odds, crop, float(shape.sum())), shape)
     better = np.zeros_like(mask)
     paste(better, found, window)
     return better if better.sum() >= max(LEAST_PIXELS, 0.3 * mask.sum()) else mask

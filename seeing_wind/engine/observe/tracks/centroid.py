@@ -8,7 +8,7 @@ import numpy as np
 from ...masks import Masks, areas
 from ..clip.stored import Frames
 from ..mask.background import Plate
-from ..mask.follow import SMALL
+from ..mask.evidence import SMALL
 from ..mask.motion import cut, window_of
 
 RIM = 3

@@ -55,6 +55,21 @@ def test_a_track_that_begins_later_is_carried_back(plate) -> None:
     assert plate.camera.project(points[-1])[0] == pytest.approx(plate.xy[0, -1], abs=0.3)
 
 
+def test_a_later_track_far_from_all_others_keeps_its_distance_from_them(plate) -> None:
+    """A point low on a stem whose guides are all on the head: they tell how it moved, not where it is."""
+    columns, rows = np.meshgrid(np.linspace(34.0, 64.0, 8), [21.0, 23.0])
+    xy = np.concatenate([np.column_stack([columns.ravel(), rows.ravel()]), [[50.0, 42.0]]])
+    visible = np.ones((3, len(xy)), bool)
+    visible[0, -1] = False
+    moved = xy + np.arange(3)[:, None, None] * np.array([1.0, 0.0])
+    moving = dataclasses.replace(
+        plate, xy=moved, visible=visible, sigma=np.full(visible.shape, 0.2), on_centroid=np.zeros(len(xy), bool)
+    )
+    relief = relief_of(moving)
+    points = place(moving, relief, fill(relief, 100))
+    assert plate.camera.project(points[-1])[0] == pytest.approx([50.0, 42.0], abs=1.0)
+
+
 def test_tracks_never_seen_get_a_valid_row(plate) -> None:
     visible = plate.visible.copy()
     visible[:, 2] = False

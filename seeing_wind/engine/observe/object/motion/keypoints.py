@@ -40,9 +40,12 @@ def place(observation: Observation, relief: Relief, particles: Particles) -> np.
             points[late] = centre
             continue
         flat = _in_plane(observation.xy[t, late]), _in_plane(observation.xy[t, guides])
-        guess = attach(*flat, neighbours=NEIGHBOURS).follow(points[guides])
+        carried = attach(*flat, neighbours=NEIGHBOURS)
+        guess = observation.camera.project(carried.follow(points[guides]))[0]
+        # What lies farther off than the guides can tell, a stem below a head with all of them, keeps its offset from them.
+        guess += observation.xy[t, late] - carried.follow(flat[1])[:, :2]
         # On the surface again: the affine guess may float over a curved body.
-        points[late] = _unproject(relief, observation.camera.project(guess)[0])
+        points[late] = _unproject(relief, guess)
     return points
 
 

@@ -1,0 +1,164 @@
+"""The rim of a silhouette that was found before a known background: without the shadow that hangs on it and what its box cuts through, and
+cut in the middle of its blur.
+
+A shadow that moves along with the thing that casts it differs from the background as the thing does. But it fades out over more pixels
+than the lens spreads an edge over, as no light comes from a point, and the thing's own edge is the sharper one.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from .background import Plate, largest
+from .motion import Window, cut, paste, window_of
+
+BLURRED, LOCAL = 2.0, 3.0
+"""Pixels inside an outline that its blurred rim reaches, and pixels over which the contrast of what lies deeper is averaged."""
+
+CORE = 0.3
+"""Depth of a silhouette from which it is surely the object, in units of its largest."""
+
+SMALLEST = 9
+"""Pixels of a part below which its edges are too short to tell anything."""
+
+DARKER = 0.8
+"""Part of a shadow that is darker than the background in every channel, if the rest may be noise."""
+
+WEAKER = 0.8
+"""Contrast of a shadow's outer edge per pixel, in units of that of the edge between it and the object, at most."""
+
+SOFTER = 0.6
+"""How steeply a shadow's outer edge rises to its contrast, in units of how steeply the object's own edge does, at most."""
+
+STEEP = (0.15, 0.25)
+"""Part of its contrast that an edge gains per pixel: the least of a thing that may cast a shadow, and the usual where all of its rim is
+in doubt."""
+
+CUT = 0.75
+"""Length of a box's border across a part, in units of the root of the part's area, from which the part goes on beyond it."""
+
+EDGE = 3
+"""Pixels over which an edge rises to its contrast."""
+
+
+def cut_back(frame: np.ndarray, mask: np.ndarray, plate: Plate) -> np.ndarray:
+    """The outline `mask` (H, W) bool in `frame` (H, W, 3) uint8 as it is handed on: `unshaded`, then `trimmed`."""
+    return trimmed(frame, unshaded(frame, mask, plate), plate)
+
+
+def boxed_in(frame: np.ndarray, mask: np.ndarray, box: np.ndarray, plate: Plate) -> np.ndarray:
+    """The outline `mask` (H, W) bool without parts that the `box` (H, W) bool, drawn round the object, cuts through: they go on outside it.
+
+    Such a part lies beyond the steepest edges, the box's border cuts it about as wide as it is, and no background is known beyond that.
+    """
+    if not mask.any() or (mask & ~box).any():
+        return mask
+    window = window_of(mask, 8)
+    smooth, shape = cv2.GaussianBlur(cut(frame, window), (0, 0), 1.0), cut(mask, window)
+    labels, stats = _parts(shape & ~core(smooth, shape))
+    unseen = ~(plate.reliable & (plate.difference(frame) < 3.0 * plate.noise))
+    # Nearer to the box, a lens and a codec spread what touches its border.
+    beyond = cut(unseen & (cv2.dilate(box.astype(np.uint8), np.ones((5, 5), np.uint8)) == 0), window, cv2.BORDER_CONSTANT)
+    border = cv2.dilate(beyond.astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
+    cuts = np.bincount(labels[border], minlength=len(stats)) / 2.0
+    gone = cuts > CUT * np.sqrt(stats[:, cv2.CC_STAT_AREA])
+    gone[0] = False
+    return _without(mask, shape, gone[labels], window) if gone.any() else mask
+
+
+def unshaded(frame: np.ndarray, mask: np.ndarray, plate: Plate) -> np.ndarray:
+    """The outline `mask` (H, W) bool without the shadow that hangs on it.
+
+    Steepest edges between its core and what lies beside it are found by watershed (Meyer 1992). A part of it outside them is a shadow
+    if it is darker than the background, and ends in an edge that is weaker than that towards the core and softer than the rim elsewhere.
+    """
+    if not mask.any():
+        return mask
+    window = window_of(mask, 2 * EDGE + 2)
+    smooth, behind = (cv2.GaussianBlur(one, (0, 0), 1.0) for one in (cut(frame, window), cut(plate.color, window)))
+    shape = cut(mask, window)
+    own = core(smooth, shape)
+    labels, stats = _parts(shape & ~own)
+    area = stats[:, cv2.CC_STAT_AREA]
+    dark = cv2.subtract(behind, smooth).min(axis=2) > 0.5 * plate.noise
+    doubtful = (np.bincount(labels[dark], minlength=len(stats)) >= DARKER * area) & (area >= SMALLEST)
+    doubtful[0] = False
+    if not doubtful.any():
+        return mask
+    away, slope = largest(cv2.absdiff(smooth, behind)).astype(np.float32), _slope(smooth)
+    contrast = cv2.dilate(away, np.ones((2 * EDGE + 1, 2 * EDGE + 1), np.uint8))
+    steep = slope / np.maximum(contrast, np.float32(4.0 * plate.noise))
+    inner, outer = _rim(own), _rim(shape)
+    usual = max(STEEP[0], float(np.median(steep[inner & outer]))) if (inner & outer).any() else STEEP[1]
+    shade = np.zeros(len(stats), bool)
+    for one in np.flatnonzero(doubtful):
+        x0, y0, wide, high = stats[one, :4]
+        part = np.s_[max(y0 - 2, 0) : y0 + high + 2, max(x0 - 2, 0) : x0 + wide + 2]
+        near = cv2.dilate((labels[part] == one).astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+        begins, ends = near & (inner & ~outer)[part], near & (outer & ~inner)[part]
+        if begins.any() and ends.any():
+            weaker = np.median(slope[part][ends]) < WEAKER * np.median(slope[part][begins])
+            shade[one] = weaker and np.median(steep[part][ends]) < SOFTER * usual
+    return _without(mask, shape, shade[labels], window) if shade.any() else mask
+
+
+def _parts(rest: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Labels (h, w) of the parts of `rest` (h, w) bool that are no slivers, 0 elsewhere, and OpenCV's figures of each label."""
+    opened = cv2.morphologyEx(rest.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(opened, connectivity=4)
+    return labels, stats
+
+
+def _without(mask: np.ndarray, shape: np.ndarray, gone: np.ndarray, window: Window) -> np.ndarray:
+    """`mask` (H, W) bool, which is `shape` (h, w) bool in `window`, without what is `gone` (h, w) bool and slivers beside that."""
+    left = mask.copy()
+    paste(left, cv2.morphologyEx((shape & ~gone).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)) > 0, window)
+    return left
+
+
+def core(smooth: np.ndarray, shape: np.ndarray) -> np.ndarray:
+    """The part (h, w) bool of `shape` (h, w) bool within the steepest edges of `smooth` (h, w, 3) uint8 round its deepest places."""
+    depth = cv2.distanceTransform(np.pad(shape, 1, mode="edge").astype(np.uint8), cv2.DIST_L2, 5)[1:-1, 1:-1]
+    marks = np.zeros(shape.shape, np.int32)
+    marks[cv2.dilate(shape.astype(np.uint8), np.ones((5, 5), np.uint8)) == 0] = 2
+    marks[depth > CORE * depth.max()] = 1
+    cv2.watershed(np.ascontiguousarray(smooth), marks)
+    # The line between two basins belongs to neither.
+    inside: np.ndarray = (cv2.dilate((marks == 1).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0) & shape
+    return inside
+
+
+def _slope(smooth: np.ndarray) -> np.ndarray:
+    """(h, w) float32 [grey levels per pixel], of the channel of `smooth` (h, w, 3) uint8 in which it is steepest."""
+    across, down = (cv2.Sobel(smooth, cv2.CV_32F, *way, scale=1.0 / 8.0) for way in ((1, 0), (0, 1)))
+    return np.sqrt(largest(across * across + down * down))
+
+
+def _rim(shape: np.ndarray) -> np.ndarray:
+    """(h, w) bool: pixels beside the border of `shape` (h, w) bool, on either side."""
+    kernel, one = np.ones((3, 3), np.uint8), shape.astype(np.uint8)
+    rim: np.ndarray = cv2.dilate(one, kernel) > cv2.erode(one, kernel)
+    return rim
+
+
+def trimmed(frame: np.ndarray, mask: np.ndarray, plate: Plate) -> np.ndarray:
+    """The outline `mask` (H, W) bool without the outer half of its blurred rim, where the background is known.
+
+    A lens spreads an edge over pixels on either side of it: the object ends where half is left of the contrast that it has farther in.
+    Nothing is added, as a shadow beside it may have as much; what is too thin to have an inside stays as it is.
+    """
+    if not mask.any():
+        return mask
+    window = window_of(mask, 3)
+    apart = cv2.GaussianBlur(cut(frame, window).astype(np.float32) - cut(plate.color, window), (0, 0), 0.5)
+    shape, (red, green, blue) = cut(mask, window, cv2.BORDER_CONSTANT), cv2.split(apart)
+    away = np.sqrt(red * red + green * green + blue * blue)
+    depth = cv2.distanceTransform(shape.astype(np.uint8), cv2.DIST_L2, 5)
+    inner = (depth > BLURRED).astype(np.float32)
+    near, level = (cv2.GaussianBlur(one, (0, 0), LOCAL) for one in (inner, inner * away))
+    known = cut(plate.reliable, window, cv2.BORDER_CONSTANT) & (near > 1e-3)
+    gone = shape & (depth <= BLURRED) & known & (away * near <= 0.5 * level)
+    left = mask.copy()
+    paste(left, shape & ~gone, window)
+    return left
