@@ -43,6 +43,7 @@ from .clip.object import preview as object_preview
 from .clip.object import properties as object_properties
 from .composite import operators as composite_operators
 from .composite import panel as composite_panel
+from .composite import properties as composite_properties
 from .edit import operators as edit_operators
 from .edit import panel as edit_panel
 from .edit import properties as edit_properties
@@ -73,7 +74,7 @@ FEATURES = (
     edit_properties, edit_operators, edit_panel,
     resimulate_operators, resimulate_panel,
     bake_operators, bake_panel,
-    composite_operators, composite_panel,
+    composite_properties, composite_operators, composite_panel,
 )  # fmt: skip
 """What is switched on, in the order of the work; the scene's settings come last, being made of theirs."""
 
