@@ -53,6 +53,7 @@ class SEEING_WIND_AP_preferences(bpy.types.AddonPreferences):
         row.operator("seeing_wind.install_engine", icon="IMPORT")
         row.operator("seeing_wind.doctor", icon="VIEWZOOM")
         draw_engine(self.layout, context, button=False)
+        self.layout.separator()
         column = _part(self.layout, "Ask a Model What Is in the Clip")
         column.prop(self, "material_endpoint")
         column.prop(self, "material_model")
@@ -61,7 +62,6 @@ class SEEING_WIND_AP_preferences(bpy.types.AddonPreferences):
 
 def _part(layout, title: str):
     """A column under a title; Blender leaves out the heading of a column whose first property has a name."""
-    layout.separator()
     layout.label(text=title)
     return layout.column()
 
