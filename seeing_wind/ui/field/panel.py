@@ -111,7 +111,8 @@ class FieldTab(Tab):
             draw_text(layout, context, unseen, "INFO")
         header, column = layout.panel("SEEING_WIND_arrows", default_closed=True)
         header.label(text="Arrows")
-        header.prop(arrows, "hide_viewport", text="", icon="HIDE_ON" if arrows.hide_viewport else "HIDE_OFF", emboss=False)
+        # Blender itself shows the eye closed while it is set
+        header.prop(arrows, "hide_viewport", text="", icon="HIDE_OFF", emboss=False)
         if column is None:
             return
         for name, text in SHOWN.items() if modifier is not None else ():
