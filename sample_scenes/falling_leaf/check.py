@@ -23,7 +23,7 @@ MOST_PINNED = 0.1
 """Movement of pinned vertices [mm]."""
 MASS_TOLERANCE = 0.02
 """Relative, on the half of the acceleration that twice the mass should have."""
-HELD, FREE = ("Towel", "Napkin"), ("Leaf", "Leaf Twice the Mass")
+HELD, FREE = ("Towel", "Napkin", "Sheet", "Pillowcase"), ("Leaf", "Leaf Twice the Mass")
 """What the demo inserts."""
 MARK = "check: "
 

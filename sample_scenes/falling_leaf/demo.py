@@ -166,7 +166,7 @@ def measure(out: Path) -> dict:
 def pinned_moved(edit: Path) -> float:
     """How far any pinned vertex is from its first place at any time [mm]."""
     moved = []
-    for name in ("Towel", "Napkin"):
+    for name in ("Towel", "Napkin", "Sheet", "Pillowcase"):
         held = np.load(edit / "pins" / f"{name}.npy", allow_pickle=False)
         with np.load(edit / "bodies" / f"{name}.npz", allow_pickle=False) as body:
             vertices = body["vertices"][:, held]

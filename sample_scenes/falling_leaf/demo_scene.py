@@ -15,7 +15,7 @@ HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE), str(HERE.parent / "common"), str(HERE.parents[1])]  # the source tree
 
 from meadow import F_STOP  # noqa: E402
-from washing import blank, hang_cloth, hang_line, new_mesh, place_on, woven  # noqa: E402
+from washing import blank, hang_cloth, hang_line, new_mesh, place_on, set_post, woven  # noqa: E402
 
 import seeing_wind.ui as ui  # noqa: E402
 from seeing_wind.ui.field.solvers.particles import calibrate_particles  # noqa: E402
@@ -30,14 +30,24 @@ TOWEL_AT, NAPKIN_AT = 0.56, 0.88
 TEA_TOWEL, LINEN = 1.7, 1.5
 """and their mass factors: a tea towel weighs 200 g/m², a napkin 180, a shirt's cotton 120. At its strongest, the updraft that carries the
 leaf lifts one and a tenth of a shirt's weight, and would throw it over the line."""
+POSTS = np.array([[-1.55, 4.5, 1.78], [2.75, 5.2, 1.74]])
+"""Where a second line is tied to two posts in the meadow [m, world]: in the frame, feet and shadows, too, since what stands nowhere is
+seen to be put in."""
+SHEETS = (
+    ("Sheet", -0.78, (1.05, 0.92), (0.80, 0.84, 0.90), (0.52, 0.62, 0.78)),
+    ("Pillowcase", 2.0, (0.5, 0.74), (0.90, 0.86, 0.76), (0.74, 0.56, 0.38)),
+)
+"""What hangs there: how far to the right [m, world], width and height [m], and its colours;"""
+BED_LINEN, COARSE, SOFT = 2.0, 0.045, 0.002
+"""its mass factor, and the edges of its faces and pixels [m], as it is out of focus."""
 SETTLE = 30
 """Frames for which they hang before the clip begins."""
 DENSITY = 400.0
 """Of the leaves that fly, as dense as the filmed one [kg/m³], so that the same wind carries them."""
 LEAF, FIRST, SECOND = 0.40, (0.27, 0.02, -0.05), (-0.38, -0.05, 0.10)
 """Size of the two leaves that are simulated over that of the filmed one, and where they begin [m]."""
-SAMPLES = 24
-"""Of Cycles, per pixel: what is out of focus needs more than the rest."""
+SAMPLES, NOISE = 48, 0.1
+"""Of Cycles, per pixel, and the noise at which a pixel has enough: no denoiser smooths the rims of what is out of focus."""
 LEAVES, SMALL = 44, (0.12, 0.26)
 """Native particles, and their size over that of the filmed leaf."""
 AWAY, ACROSS, UP = (1.35, 4.8), (-0.50, 0.52), (-0.08, 0.36)
@@ -51,14 +61,19 @@ def main(folder: Path) -> None:
     say("loading the recovered field")
     start(folder)
     scene = bpy.context.scene
+    # far behind the filmed leaf the wind is taken to be as at the edge of what is known
+    scene.seeing_wind.field_reach = "HOLD"
+    done(bpy.ops.seeing_wind.apply_to_field())
     insert_washing(scene)
     insert_leaves(scene, folder)
     say("simulating two cloths and two leaves in the recovered wind")
     done(bpy.ops.seeing_wind.resimulate())
     done(bpy.ops.seeing_wind.bake())
     add_leaves(scene, folder)
+    scene.cycles.use_adaptive_sampling, scene.cycles.adaptive_threshold = True, NOISE
     # make.py's camera has no shutter: its frames are sharp
-    done(bpy.ops.seeing_wind.set_up_composite(samples=SAMPLES, shutter=0.0, fstop=F_STOP))
+    done(bpy.ops.seeing_wind.set_up_composite(samples=SAMPLES, shutter=0.0, fstop=F_STOP, floor=True))
+    lay_floor(scene)
     scene.frame_set(scene.frame_start)
     bpy.ops.wm.save_as_mainfile(filepath=str(folder / "demo.blend"), compress=True)
     say("rendering edited.mp4")
@@ -91,6 +106,12 @@ def start_of(leaf) -> np.ndarray:
     return vertices.reshape(-1, 3).mean(0) @ np.array(leaf.matrix_world)[:3, :3].T + np.array(leaf.matrix_world)[:3, 3]
 
 
+def lay_floor(scene) -> None:
+    """What catches shadows lies where the meadow's ground is, as far as they reach."""
+    floor = scene.objects["Seeing Wind Floor"]
+    floor.location, floor.dimensions = (1.1, 6.2, 0.0), (7.0, 5.4, 0.0)
+
+
 # -- the edit ---------------------------------------------------------------------------------------------------------------------
 
 
@@ -107,7 +128,19 @@ def insert_washing(scene) -> None:
         done(bpy.ops.seeing_wind.insert_mesh(object=name, material="cotton"))
         done(bpy.ops.seeing_wind.pin_vertices(object=name, vertex_group="Held"))
         done(bpy.ops.seeing_wind.scale_mass(object=name, factor=mass))
+    set_yard()
     scene.seeing_wind.edit_preroll = SETTLE
+
+
+def set_yard() -> None:
+    """A second line between posts in the meadow, with bed linen on it."""
+    hang_line(*POSTS)
+    for number, top in enumerate(POSTS):
+        set_post(f"Post {number}", top)
+    for name, x, size, ground, stripe in SHEETS:
+        hang_cloth(name, *place_on(*POSTS, x), size, 3, woven(size, ground, stripe, 5, checked=False, fine=SOFT), COARSE)
+        done(bpy.ops.seeing_wind.insert_mesh(object=name, material="cotton", pin_group="Held"))
+        done(bpy.ops.seeing_wind.scale_mass(object=name, factor=BED_LINEN))
 
 
 def insert_leaves(scene, folder: Path) -> None:
@@ -126,10 +159,8 @@ def insert_leaves(scene, folder: Path) -> None:
 
 def add_leaves(scene, folder: Path) -> None:
     """A native particle system, moved by the field object and gravity as matter of the recovered density. It begins nearer to the camera
-    than the filmed leaf and goes on far behind it, where the wind is taken to be as at the edge of what is known."""
+    than the filmed leaf and goes on far behind it."""
     field, rng = scene.seeing_wind.field_object, np.random.default_rng(5)
-    scene.seeing_wind.field_reach = "HOLD"
-    done(bpy.ops.seeing_wind.apply_to_field())
     away = rng.uniform(*AWAY, LEAVES)
     ahead = np.stack([away * rng.uniform(*ACROSS, LEAVES), away, away * rng.uniform(*UP, LEAVES)], axis=1)
     places = np.array(scene.camera.matrix_world.translation) + ahead

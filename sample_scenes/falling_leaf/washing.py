@@ -13,12 +13,14 @@ BITE, INSET = 0.008, 0.016
 """So far round a peg's middle is the cloth held, and so far from its corners do the pegs bite [m]."""
 CELL = 0.0115
 """Edge of a face of the cloth [m]."""
+POST = 0.045
+"""Radius of a post [m]."""
 WAVE, SLACK = 0.15, 0.05
 """Length of the folds in which it is hung [m], and by how much more cloth there is than line between its pegs."""
 HEM, SEAM = 0.011, 0.0015
 """Width of the turned edge and of its seam [m]."""
 FINE = 0.0007
-"""A pixel of the painted cloth [m]."""
+"""A pixel of the painted cloth [m], where it is not told."""
 SEED = 11
 """Of its folds."""
 
@@ -46,8 +48,27 @@ def place_on(left: np.ndarray, right: np.ndarray, x: float) -> tuple[np.ndarray,
     return left + share * way - [0.0, 0.0, SAG * 4.0 * share * (1.0 - share)], level / np.linalg.norm(level)
 
 
+def set_post(name: str, top: np.ndarray) -> bpy.types.Object:
+    """A round wooden post from the ground, at a height of 0, to a place (3,) [m] a hand's breadth below its end."""
+    turn = np.arange(24) * 2.0 * np.pi / 24
+    ring = np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    # a little thicker at its foot, its upper edge planed off
+    rows = [(-0.05, 1.08), (0.5 * top[2], 1.0), (top[2] + 0.09, 0.93), (top[2] + 0.10, 0.80), (top[2] + 0.10, 0.0)]
+    vertices = np.concatenate([np.insert(top[:2] + POST * share * ring, 2, height, axis=1) for height, share in rows])
+    k = np.arange(24)
+    sides = np.stack([k, (k + 1) % 24, 24 + (k + 1) % 24, 24 + k], axis=1)
+    faces = np.concatenate([sides + 24 * row for row in range(len(rows) - 1)])
+    mesh = bpy.data.meshes.new(name)
+    mesh.from_pydata(vertices.tolist(), [], faces.tolist())
+    mesh.shade_smooth()
+    obj = bpy.data.objects.new(name, mesh)
+    bpy.context.scene.collection.objects.link(obj)
+    mesh.materials.append(bpy.data.materials.get("Grey Wood") or plain("Grey Wood", (0.16, 0.125, 0.09)))
+    return obj
+
+
 def hang_cloth(
-    name: str, at: np.ndarray, along: np.ndarray, size: tuple[float, float], pegs: int, texture: np.ndarray
+    name: str, at: np.ndarray, along: np.ndarray, size: tuple[float, float], pegs: int, texture: np.ndarray, cell: float = CELL
 ) -> bpy.types.Object:
     """A cloth that hangs in folds from so many pegs, its upper edge along a line through `at`, see `place_on`; what the pegs bite is the
     vertex group "Held".
@@ -55,9 +76,10 @@ def hang_cloth(
     Args:
         size: width and height [m].
         texture: as of `woven`.
+        cell: edge of a face [m].
     """
     rng = np.random.default_rng(SEED)
-    count = [round(side / CELL) + 1 for side in size]
+    count = [round(side / cell) + 1 for side in size]
     s, down = np.meshgrid(np.linspace(-0.5, 0.5, count[0]) * size[0], np.linspace(0.0, size[1], count[1]))
     # as long as it is along the folds, and pegs that far apart
     slope = 2.0 * np.sqrt(1.0 / (1.0 - SLACK) - 1.0)
@@ -68,8 +90,8 @@ def hang_cloth(
     axes = np.array([along, [-along[1], along[0], 0.0], [0.0, 0.0, 1.0]])
     vertices = np.stack([(1.0 - SLACK) * s, fold, -down], -1) @ axes + at
     bites = np.linspace(INSET - 0.5 * size[0], 0.5 * size[0] - INSET, pegs)
-    near = np.abs(s[..., None] - bites) < BITE
-    near &= (down < 1.5 * CELL)[..., None]
+    near = np.abs(s[..., None] - bites) < max(BITE, 0.51 * cell)
+    near &= (down < 1.5 * cell)[..., None]
     u, v = s / size[0] + 0.5, 1.0 - down / size[1]
     cloth = mesh_of_rows(name, vertices, u, v)
     cloth.data.materials.append(cotton(name, texture))
@@ -117,17 +139,21 @@ def peg(name: str, at: np.ndarray, axes: np.ndarray, tilt: float) -> None:
         mesh.materials.append(bpy.data.materials.get("Wood") or plain("Wood", (0.42, 0.27, 0.14)))
 
 
-def woven(size: tuple[float, float], ground: tuple[float, float, float], stripe: tuple[float, float, float], seed: int, checked: bool):
+def woven(
+    size: tuple[float, float], ground: tuple[float, float, float], stripe: tuple[float, float, float], seed: int, checked: bool,
+    fine: float = FINE,
+):  # fmt: skip
     """A used cotton cloth (H, W, 4): sRGB 0..1, row 0 at the bottom, and how much light shines through.
 
     Args:
         size: width and height [m].
         ground, stripe: its colours.
         checked: stripes both ways all over, instead of a few before its lower and upper end.
+        fine: a pixel [m].
     """
     rng = np.random.default_rng(seed)
-    width, height = (round(side / FINE) for side in size)
-    x, y = np.meshgrid((np.arange(width) + 0.5) * FINE, (np.arange(height) + 0.5) * FINE)
+    width, height = (round(side / fine) for side in size)
+    x, y = np.meshgrid((np.arange(width) + 0.5) * fine, (np.arange(height) + 0.5) * fine)
     if checked:
         share = sum(0.5 * ((along / 0.017) % 1.0 < 0.5) for along in (x, y))
     else:

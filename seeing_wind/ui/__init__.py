@@ -29,18 +29,21 @@ from . import at_exit, batch, commands, freshness, scene_properties, user_paths
 from .bake import operators as bake_operators
 from .bake import panel as bake_panel
 from .clip import draw_box as clip_draw_box
+from .clip import marked as clip_marked
 from .clip import operators as clip_operators
 from .clip import panel as clip_panel
 from .clip import properties as clip_properties
 from .clip import views as clip_views
 from .clip.object import correct as object_correct
 from .clip.object import held as object_held
+from .clip.object import material_menu
 from .clip.object import operators as object_operators
 from .clip.object import panel as object_panel
 from .clip.object import preview as object_preview
 from .clip.object import properties as object_properties
 from .composite import operators as composite_operators
 from .composite import panel as composite_panel
+from .composite import properties as composite_properties
 from .edit import operators as edit_operators
 from .edit import panel as edit_panel
 from .edit import properties as edit_properties
@@ -64,20 +67,20 @@ from .recover import panel as recover_panel
 FEATURES = (
     install_preferences, install_operators,
     clip_properties, clip_operators, clip_draw_box, clip_views, clip_panel,
-    object_properties, object_operators, object_correct, object_held, object_preview, object_panel,
+    object_properties, object_operators, object_correct, object_held, object_preview, material_menu, object_panel,
     recover_operators, recover_panel,
     field_properties, field_operators, field_panel,
     library_operators, library_panel,
     edit_properties, edit_operators, edit_panel,
     resimulate_operators, resimulate_panel,
     bake_operators, bake_panel,
-    composite_operators, composite_panel,
+    composite_properties, composite_operators, composite_panel,
 )  # fmt: skip
 """What is switched on, in the order of the work; the scene's settings come last, being made of theirs."""
 
 CLASSES = tuple(cls for door in (job_operator, job_notes, *FEATURES, scene_properties) for cls in door.CLASSES)
 
-HANDLERS = (scene_properties, freshness, job_operator, takes, user_paths, library_copies, commands)
+HANDLERS = (scene_properties, freshness, clip_marked, job_operator, takes, user_paths, library_copies, commands)
 """What is more than classes."""
 
 

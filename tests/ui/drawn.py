@@ -7,11 +7,13 @@ from typing import Any
 
 
 class Drawn:
-    """A layout that remembers the operators and the labels that were put into it."""
+    """A layout that remembers what was put into it: operators, labels, menus, and items of a property to choose from."""
 
     def __init__(self) -> None:
         self.operators: list[SimpleNamespace] = []
         self.labels: list[str] = []
+        self.menus: list[str] = []
+        self.items: list[str] = []
 
     def label(self, text: str = "", **_: object) -> None:
         self.labels.append(text)
@@ -19,6 +21,12 @@ class Drawn:
     def operator(self, name: str, **_: object) -> SimpleNamespace:
         self.operators.append(SimpleNamespace(name=name))
         return self.operators[-1]
+
+    def menu(self, name: str, **_: object) -> None:
+        self.menus.append(name)
+
+    def prop_enum(self, _: object, __: str, value: str) -> None:
+        self.items.append(value)
 
     def panel(self, *_: object, **__: object) -> tuple[Drawn, Drawn]:
         return self, self

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 
 import bpy
 import pytest
@@ -12,8 +13,10 @@ import seeing_wind.ui as ui
 from seeing_wind.engine.materials import MATERIALS
 from seeing_wind.engine.settings import BodyEdit, BuildSettings, ColliderEdit, Edit, ObserveSettings, RecoverSettings
 from seeing_wind.engine.settings.option import option
+from seeing_wind.ui.clip.object.material_menu import CHOSEN_FOR, SEEING_WIND_MT_material
 from seeing_wind.ui.option_properties import give, panel_options, part_of, value_of, values_of, with_options
 from seeing_wind.ui.property_kinds import HEADINGS, MATERIAL_ITEMS
+from tests.ui.drawn import Drawn
 
 STAGES = (ObserveSettings, BuildSettings, RecoverSettings)
 
@@ -88,3 +91,13 @@ def test_materials_stand_below_headings_and_keep_their_numbers(settings) -> None
     listed = [(name, title) for name, title, *_ in MATERIAL_ITEMS]
     assert listed[0] == ("", "Foliage") and [title for name, title in listed if not name] == list(HEADINGS.values())
     assert ("hdpe", "HDPE") in listed and ("plant_stem", "Plant Stem") in listed
+
+
+def test_each_material_stands_in_the_menu_of_its_kind(settings) -> None:
+    layout, context = Drawn(), SimpleNamespace(**{CHOSEN_FOR: settings})
+    SEEING_WIND_MT_material.draw(SimpleNamespace(layout=layout), context)
+    assert len(layout.menus) == len(HEADINGS)
+    below = Drawn()
+    for name in layout.menus:
+        getattr(bpy.types, name).draw(SimpleNamespace(layout=below), context)
+    assert below.items == list(MATERIALS)

@@ -40,6 +40,7 @@ def test_names_follow_blender_s_rules(addon) -> None:
         bpy.types.Panel: "PT",
         bpy.types.PropertyGroup: "PG",
         bpy.types.UIList: "UL",
+        bpy.types.Menu: "MT",
         bpy.types.AddonPreferences: "AP",
         bpy.types.FileHandler: "FH",
     }

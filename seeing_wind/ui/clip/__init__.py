@@ -2,8 +2,9 @@
 
 properties       its settings
 operators        Choose Clip (also by drag and drop), Match Scene
-on_frame       waiting for the mouse over the clip's frame
+on_frame         waiting for the mouse over the clip's frame
 draw_box         Draw Box
+marked           what is marked, drawn over the clip's first frame
 views            further views: add, remove
 panel            the panel *Clip*
 options          the settings as options of the engine

@@ -14,6 +14,7 @@ from ..user_paths import absolute, relate
 from .inputs.clips import first_clip_frame, follow_moved, loaded_clip, start_of
 from .match import OURS, PARTS, follow, followed, hide_default_cube, left_alone
 
+ACTIVE = "Take the clip that the Movie Clip Editor or the scene has now"
 VIDEOS = ".mp4;.mov;.avi;.mkv;.webm;.m4v;.mpg"
 
 
@@ -27,7 +28,15 @@ class SEEING_WIND_OT_choose_clip(DirectOperator, bpy.types.Operator):
     filter_glob: StringProperty(
         default="*" + VIDEOS.replace(";", ";*") + ";*.png;*.jpg;*.jpeg;*.tif;*.tiff;*.bmp;*.webp", options={"HIDDEN"}
     )
-    active: BoolProperty(name="Active Clip", options={"SKIP_SAVE"}, description="The clip that the Movie Clip Editor or the scene has now")
+    # hidden: the file browser would show it as a box to tick
+    active: BoolProperty(
+        name="Active Clip", options={"SKIP_SAVE", "HIDDEN"}, description=ACTIVE
+    )
+
+    @classmethod
+    def description(cls, context, properties):
+        """The two buttons say what they are for."""
+        return ACTIVE if properties.active else cls.__doc__
 
     def invoke(self, context, event):
         """A dropped file comes with its path; otherwise the file browser asks for it."""

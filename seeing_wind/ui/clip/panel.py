@@ -21,7 +21,7 @@ class ClipTab(Tab):
             draw_engine(layout, context)
         row = layout.row(align=True)
         row.operator("seeing_wind.choose_clip", text="Choose Clip", icon="FILE_MOVIE")
-        row.operator("seeing_wind.choose_clip", text="Active Clip", icon="TRACKER").active = True
+        row.operator("seeing_wind.choose_clip", text="Use Active", icon="TRACKER").active = True
         column, settings = columns(layout), context.scene.seeing_wind
         column.prop(settings, "clip")
         column.prop(settings, "camera_mode")

@@ -3,67 +3,42 @@
 from pathlib import Path
 
 import bpy
-from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, StringProperty
+from bpy.props import BoolProperty, StringProperty
 
 from ...engine.errors import SeeingWindError
 from ..direct_operator import DirectOperator
 from ..job import takes
 from ..property_kinds import PATH
 from ..user_paths import absolute
-
-BEHIND = [
-    ("AUTO", "Automatic", "The clip, or the clean plate when the clip's own object is simulated anew"),
-    ("CLIP", "Clip", "The clip as it is"),
-    ("PLATE", "Clean Plate", "The clip, with its object covered by what was behind it"),
-]
+from .properties import LOOK, Look
 
 
-class SEEING_WIND_OT_set_up_composite(DirectOperator, bpy.types.Operator):
+class SEEING_WIND_OT_set_up_composite(Look, DirectOperator, bpy.types.Operator):
     """Set up camera background, holdout, shadow catcher, clean plate, light and compositor, so that a render shows the edit in the clip"""
 
     bl_idname = "seeing_wind.set_up_composite"
     bl_label = "Set Up Composite"
 
-    behind: EnumProperty(name="Behind", items=BEHIND, description="What is seen behind the edit")
-    floor: BoolProperty(name="Floor", description="A plane under the edit that catches its shadows; move it to where the clip's floor is")
-    wall: BoolProperty(
-        name="Wall", description="An upright plane behind the edit that catches its shadows; move and turn it to where the clip's wall is"
-    )
-    samples: IntProperty(name="Samples", default=32, min=1, soft_max=512, step=16, description="Of Cycles, per pixel")
-    shutter: FloatProperty(
-        name="Shutter (frames)", default=0.5, min=0.0, soft_max=1.0,
-        description="How long the clip's shutter was open: 0.5 is a shutter of 180 degrees; 0 renders no motion blur",
-    )  # fmt: skip
-    grain: FloatProperty(
-        name="Grain Factor", default=1.0, min=0.0, soft_max=2.0,
-        description="Factor on the clip's own noise, which is measured and put on what is not the clip; 0 leaves it clean",
-    )  # fmt: skip
-    soft: FloatProperty(
-        name="Softness Factor", default=1.0, min=0.0, soft_max=2.0,
-        description="Factor on how softly the clip shows the object's rim, which is measured and given to the render; 0: Blender's filter",
-    )  # fmt: skip
-    fstop: FloatProperty(
-        name="Aperture (f-stop)", default=0.0, min=0.0, soft_max=22.0, precision=1,
-        description="Of the clip's lens, as on a sensor 36 mm wide: what is nearer or farther than the clip's object blurs; 0: none does",
-    )  # fmt: skip
-    show_field: BoolProperty(name="Show Arrows", description="Render the field's arrows too")
     hdri: StringProperty(
         name="HDRI", subtype="FILE_PATH", options=PATH, description="A panorama that lights the edit; not given: that of the scene"
     )
 
     def act(self, context):
-        """May be repeated after any change."""
-        from .composite import set_up  # needs NumPy
-
+        """May be repeated after any change. What is not given is as the scene has it; what is given stays there."""
         settings = context.scene.seeing_wind
-        former = settings.hdri
+        look, hdri = settings.composite, settings.hdri
+        former = {name: getattr(look, name) for name in LOOK}
+        for name in LOOK:
+            source, target = (self, look) if self.properties.is_property_set(name) else (look, self)
+            setattr(target, name, getattr(source, name))
         if self.properties.is_property_set("hdri"):
             settings.hdri = self.hdri
-        chosen = {name: getattr(self, name) for name in ("floor", "wall", "samples", "shutter", "grain", "soft", "fstop", "show_field")}
         try:
-            done = set_up(context.scene, plate=self.behind, **chosen)
+            done = _set_up(context.scene)
         except SeeingWindError:
-            settings.hdri = former
+            settings.hdri = hdri
+            for name, value in former.items():
+                setattr(look, name, value)
             raise
         for wrong in done.warnings:
             self.report({"WARNING"}, wrong)
@@ -89,7 +64,7 @@ class SEEING_WIND_OT_render_composite(DirectOperator, bpy.types.Operator):
 
         scene = context.scene
         if not nodes.is_set_up(scene):
-            composite.set_up(scene)
+            _set_up(scene)
         if self.filepath:
             path = Path(absolute(self.filepath))
         else:
@@ -97,6 +72,17 @@ class SEEING_WIND_OT_render_composite(DirectOperator, bpy.types.Operator):
             path = home / ("composite.png" if self.still else "composite.mp4")
         composite.render(scene, path, still=self.still)
         return f"Rendered {path}" if bpy.app.background else f"Rendering into {path}"
+
+
+def _set_up(scene: bpy.types.Scene):
+    """As the scene's settings say; what was set up is kept for the panel."""
+    from .composite import set_up  # needs NumPy
+
+    settings = scene.seeing_wind
+    chosen = {name: getattr(settings.composite, name) for name in LOOK if name != "behind"}
+    done = set_up(scene, plate=settings.composite.behind, **chosen)
+    settings.composite_said = str(done)
+    return done
 
 
 CLASSES = (SEEING_WIND_OT_set_up_composite, SEEING_WIND_OT_render_composite)

@@ -1,6 +1,7 @@
 """The panel *Composite*."""
 
-from ..job.panel_pieces import Tab, columns, panels
+from ..job.panel_pieces import Tab, columns, draw_text, fold, panels
+from .properties import LOOK
 
 
 class CompositeTab(Tab):
@@ -15,16 +16,24 @@ class CompositeTab(Tab):
         return context.scene is not None and context.scene.active_clip is not None
 
     def fill(self, context, layout):
-        """The light, set up, then render."""
+        """The light, what catches shadows, the look; set up, then render; what was set up."""
         column, settings = columns(layout), context.scene.seeing_wind
         column.prop(settings, "hdri")
         if settings.hdri:
             column.prop(settings, "hdri_turn")
             column.prop(settings, "hdri_strength")
+        column.prop(settings.composite, "floor")
+        column.prop(settings.composite, "wall")
+        body = fold(column, "look", "Shutter, Aperture, Grain")
+        for name in LOOK if body is not None else ():
+            if name not in ("floor", "wall"):
+                body.prop(settings.composite, name)
         column = layout.column()
         column.operator("seeing_wind.set_up_composite", icon="NODE_COMPOSITING")
         column.operator("seeing_wind.render_composite", icon="RENDER_ANIMATION")
         column.operator("seeing_wind.render_composite", text="Render This Frame", icon="RENDER_STILL").still = True
+        if settings.composite_said:
+            draw_text(layout, context, settings.composite_said)
 
 
 CLASSES = panels(CompositeTab, 21)

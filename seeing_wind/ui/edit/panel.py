@@ -4,6 +4,7 @@ import bpy
 
 from ...engine.materials import MATERIALS, SHEETS
 from ...engine.settings import BodyEdit
+from ..clip.object.material_menu import draw_material
 from ..field.display import has_wind
 from ..job.panel_pieces import Tab, columns, draw_override, draw_text, fold, panels
 from ..option_properties import panel_options
@@ -67,7 +68,7 @@ def _draw_body(column, body, settings) -> None:
     """The settings of one body."""
     if not body.is_recovered:
         column.prop(body, "object")
-        column.prop(body, "material")
+        draw_material(column, body)
         words = shell_words(body)
         if words:
             draw_text(column, bpy.context, words, "MOD_CLOTH")

@@ -105,16 +105,20 @@ class FieldTab(Tab):
             draw_text(column, context, said_of_fit(field), "INFO")
 
     def _arrows(self, context, layout, arrows):
-        column = layout.column(heading="Arrows")
-        column.prop(arrows, "hide_viewport", text="Hide Arrows", icon="HIDE_ON" if arrows.hide_viewport else "HIDE_OFF")
         modifier = next((modifier for modifier in arrows.modifiers if modifier.type == "NODES"), None)
+        unseen = said_of_unseen(arrows, get_input(modifier, "Confidence Shown") or 0.0) if modifier is not None else ""
+        if unseen:
+            draw_text(layout, context, unseen, "INFO")
+        header, column = layout.panel("SEEING_WIND_arrows", default_closed=True)
+        header.label(text="Arrows")
+        # Blender itself shows the eye closed while it is set
+        header.prop(arrows, "hide_viewport", text="", icon="HIDE_OFF", emboss=False)
+        if column is None:
+            return
         for name, text in SHOWN.items() if modifier is not None else ():
             place = modifier_input(modifier, name)
             if place is not None:
                 column.prop(place[0], place[1], text=text)
-        unseen = said_of_unseen(arrows, get_input(modifier, "Confidence Shown") or 0.0) if modifier is not None else ""
-        if unseen:
-            draw_text(column, context, unseen, "INFO")
         space = context.space_data
         if space is not None and space.type == "VIEW_3D" and space.shading.type == "SOLID":
             column.prop(space.shading, "color_type", text="Solid Color")
@@ -123,7 +127,7 @@ class FieldTab(Tab):
         if material is not None:
             ramp = next((node for node in material.node_tree.nodes if node.type == "VALTORGB"), None)
         if ramp is not None:
-            box = layout.box()
+            box = column.box()
             box.template_color_ramp(ramp, "color_ramp", expand=False)
             row = box.row()
             row.label(text="0")

@@ -141,7 +141,7 @@ def draw_failure(layout, context, step: status.Step, button: bool = True) -> Non
         box.operator(operator, text=text, icon=icon)
 
 
-def draw_progress(layout, step: status.Step, cancelling: bool) -> None:
+def draw_progress(layout, context, step: status.Step, cancelling: bool) -> None:
     """The bar of a running job, what it does, and the way to stop it."""
     column = layout.column(align=True)
     left = status.remaining(step)
@@ -150,9 +150,9 @@ def draw_progress(layout, step: status.Step, cancelling: bool) -> None:
     lines = column.column(align=True)
     lines.active = False
     lines.scale_y = 0.8
-    lines.label(text=step.message[:60])
+    draw_text(lines, context, step.message[:1].upper() + step.message[1:])
     if step.expected is not None:
-        lines.label(text=f"The solve takes about {in_words(step.expected)} on this machine")
+        lines.label(text=f"The solve takes about {in_words(step.expected)}")
     if step.residual is not None:
         lines.label(text=f"Residual {step.residual:.3g}")
     row = column.row()
@@ -175,7 +175,7 @@ def draw_job(
     now = status.of(context.scene.session_uid)
     step = now.steps[name]
     if now.running == name:
-        draw_progress(layout, step, now.cancelling)
+        draw_progress(layout, context, step, now.cancelling)
         return
     row = layout.row()
     row.scale_y = 1.4
@@ -236,14 +236,16 @@ def draw_engine(layout, context, button: bool = True) -> None:
     job = now.steps.get("engine")
     if now.running == "engine" and job is not None:
         layout.label(text=now.title, icon="SORTTIME")
-        draw_progress(layout, job, now.cancelling)
+        draw_progress(layout, context, job, now.cancelling)
         return
-    if job is not None and job.state == State.FAILED:
+    problem, failed = status.engine.problem, job is not None and job.state == State.FAILED
+    if failed:
         draw_failure(layout, context, job)
     elif job is not None and job.message:
         draw_text(layout, context, job.message)
-    if status.engine.problem is not None:
-        draw_failure(layout, context, status.engine.problem, button)
+    # that it is not installed is no news to who has just tried
+    if problem is not None and not (failed and problem.mend == "install_engine"):
+        draw_failure(layout, context, problem, button)
 
 
 def draw_range(column, settings, heading: str, tick: str, numbers: str) -> None:

@@ -110,6 +110,13 @@ def of(scene_id: int) -> SceneStatus:
     return _scenes.setdefault(scene_id, SceneStatus())
 
 
+def forget_engine_failures() -> None:
+    """The engine is another one: why it could not be installed or checked before is a thing of the past."""
+    for each in _scenes.values():
+        if "engine" in each.steps and each.steps["engine"].state == State.FAILED:
+            del each.steps["engine"]
+
+
 def forget_all() -> None:
     """After a file was loaded: its scenes are others."""
     _scenes.clear()

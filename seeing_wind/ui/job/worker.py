@@ -204,7 +204,7 @@ def _death(code: int, log: deque[str]) -> Message:
             hint = "The system may have run out of memory." if name == "SIGKILL" else "See the log for the last thing that it did."
             return _error(f"The engine was ended by {name}.", f"{hint} Results of finished stages are kept.", log)
     last = next((line for line in reversed(log) if line.strip()), "it left no log")
-    return _error(f"The engine stopped with code {code}: {last.rstrip('.')}.", "Run Doctor to see what is missing.", log)
+    return _error(f"The engine stopped with code {code}: {last.rstrip('.')}.", "Check Engine in the preferences says what is missing.", log)
 
 
 def _error(message: str, hint: str, log: deque[str] | tuple[()] = ()) -> Message:

@@ -141,7 +141,7 @@ def test_recovered_object_covers_its_own_pixels_in_a_render(scene, clip, tmp_pat
 
 def test_bad_clip_and_camera_are_refused(scene, clip, tmp_path):
     camera = dataclasses.asdict(CAMERAS["plain"])
-    with pytest.raises(ClipError, match="cannot open"):
+    with pytest.raises(ClipError, match="no file"):
         setup_clip_scene(scene, tmp_path / "none.mp4", camera, 24.0, 0, FRAMES)
     text = tmp_path / "text.mp4"
     text.write_text("no video")

@@ -16,6 +16,7 @@ from seeing_wind.ui.clip.clip_scene import setup_clip_scene
 from seeing_wind.ui.clip.inputs.camera import scene_camera
 from seeing_wind.ui.clip.inputs.held import painted_pixels
 from seeing_wind.ui.clip.inputs.lens import straightened
+from seeing_wind.ui.clip.marked import marks_of
 from seeing_wind.ui.job.take_reading import field_summary, read_seen
 from seeing_wind.ui.recover.request import RecoverRequest
 from tests.ui.clip.inputs import HEIGHT, WIDTH, camera, read_png, solve, spline, with_box, written
@@ -46,6 +47,22 @@ def test_a_box_is_held_to_the_pixel(settings, scene, tmp_path) -> None:
     settings.held_box = (0.0, 0.0, 0.0, 0.0)
     with pytest.raises(RuntimeError, match="No box is drawn round the held part"):
         bpy.ops.seeing_wind.recover()
+
+
+def test_boxes_stay_in_sight_over_the_first_frame_until_their_step_folds(settings, scene, video) -> None:
+    assert bpy.ops.seeing_wind.choose_clip(filepath=str(video)) == {"FINISHED"}
+    scene.frame_set(settings.frame_start)
+    assert marks_of(scene) == [], "nothing is marked"
+    assert bpy.ops.seeing_wind.draw_box(box=(20.0, 20.0, 44.0, 44.0)) == {"FINISHED"}
+    assert bpy.ops.seeing_wind.draw_box(box=(30.0, 40.0, 35.0, 44.0), marks="HELD") == {"FINISHED"}
+    assert [box for box, _ in marks_of(scene)] == [(20.0, 20.0, 44.0, 44.0), (30.0, 40.0, 35.0, 44.0)]
+    settings.held_mode = "FILE"
+    assert [box for box, _ in marks_of(scene)] == [(20.0, 20.0, 44.0, 44.0)]
+    scene.frame_set(settings.frame_start + 1)
+    assert marks_of(scene) == [], "they belong to the first frame"
+    scene.frame_set(settings.frame_start)
+    settings.shows_object = False
+    assert marks_of(scene) == []
 
 
 def test_a_mask_is_held_and_a_file_that_is_not_used_is_not_asked_for(settings, scene, tmp_path) -> None:

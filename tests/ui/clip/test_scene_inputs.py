@@ -122,7 +122,7 @@ def test_choosing_a_clip_shows_it_and_keeps_its_place_in_time(settings, video) -
     settings.clip = ""
     with pytest.raises(RuntimeError, match="no active movie clip"):
         bpy.ops.seeing_wind.choose_clip(active=True)
-    with pytest.raises(RuntimeError, match="(?i)no such|cannot|not"):
+    with pytest.raises(RuntimeError, match="no file .*such.mp4"):
         bpy.ops.seeing_wind.choose_clip(filepath="/no/such.mp4")
     assert settings.clip == ""
     scene.active_clip = bpy.data.movieclips.load(str(video))

@@ -82,3 +82,15 @@ def test_what_is_no_panorama_is_refused_and_the_light_stays(scene, tmp_path, pan
             bpy.ops.seeing_wind.set_up_composite(hdri=str(tmp_path / name))
         assert scene.world == world and len(bpy.data.images) == images
         assert scene.seeing_wind.hdri == "", "so that the next time is not refused for it"
+
+
+def test_the_look_stays_with_the_scene(scene, tmp_path) -> None:
+    look, ops = scene.seeing_wind.composite, bpy.ops.seeing_wind
+    assert ops.set_up_composite(samples=3, shutter=0.0) == {"FINISHED"}
+    assert (look.samples, look.shutter) == (3, 0.0) and scene.seeing_wind.composite_said.startswith("Composite over")
+    look.show_field = True
+    assert ops.set_up_composite() == {"FINISHED"}
+    assert scene.cycles.samples == 3 and not scene.render.use_motion_blur and not scene.seeing_wind.arrows_object.hide_render
+    with pytest.raises(RuntimeError, match="none.hdr"):
+        ops.set_up_composite(samples=7, hdri=str(tmp_path / "none.hdr"))
+    assert look.samples == 3, "what was refused is not kept"

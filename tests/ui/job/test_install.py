@@ -18,12 +18,14 @@ import bpy
 import pytest
 
 import seeing_wind.ui as ui
-from seeing_wind.engine.errors import UsageError
+from seeing_wind.engine.errors import MissingPackage, UsageError
 from seeing_wind.ui.job import status, worker_command
 from seeing_wind.ui.job import worker as job
 from seeing_wind.ui.job.install import choices
 from seeing_wind.ui.job.install import environment as engine_environment
 from seeing_wind.ui.job.install import install as engine_install
+from seeing_wind.ui.job.panel_pieces import draw_engine
+from tests.ui.drawn import Drawn
 
 DOCTOR = """
 import json, one_package, torch
@@ -221,3 +223,25 @@ def test_use_this_python(monkeypatch, tmp_path) -> None:
     chosen.python = str(tmp_path / "none")
     engine_environment.refresh()
     assert status.engine.problem.mend == "open_preferences" and "preferences" in status.engine.problem.message
+
+
+def test_what_kept_the_engine_away_is_said_once_and_forgotten_when_there_is_one(monkeypatch) -> None:
+    monkeypatch.delenv("SEEING_WIND_PYTHON", raising=False)
+    missing = MissingPackage("The engine is not installed yet.", "Install it once.")
+
+    def gone() -> str:
+        raise missing
+
+    monkeypatch.setattr(engine_environment, "engine_python", gone)
+    engine_environment.refresh()
+    scene = bpy.context.scene
+    now = status.of(scene.session_uid)
+    status.begin(now, "engine", "Install Engine")
+    status.fail(now, "engine", missing.message, missing.hint)
+    status.end(now)
+    layout = Drawn()
+    draw_engine(layout, bpy.context)
+    assert sum("not installed" in text for text in layout.labels) == 1
+    monkeypatch.setattr(engine_environment, "engine_python", lambda: sys.executable)
+    engine_environment.refresh()
+    assert "engine" not in now.steps and status.engine.problem is None

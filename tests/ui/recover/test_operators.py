@@ -281,10 +281,10 @@ def test_results_survive_undo_save_and_load(workplace, scene, tmp_path) -> None:
 
 def test_doctor_leaves_its_findings_as_a_text(workplace, scene) -> None:
     assert bpy.ops.seeing_wind.doctor() == {"FINISHED"}
-    text = bpy.data.texts["Seeing Wind Doctor"].as_string()
+    text = bpy.data.texts["Seeing Wind Engine"].as_string()
     assert str(workplace / "fake_python") in text
     assert "Not needed, for further uses:\n  not here  gsplat: not installed  pip install gsplat" in text
-    assert now(scene)["engine"].message.startswith("The engine is complete. Of 1 optional parts 0 are there")
+    assert now(scene)["engine"].message.startswith("The engine is complete, with none of its 1 optional parts.")
 
 
 def test_a_take_that_cannot_be_written_is_told(workplace, scene, tmp_path) -> None:

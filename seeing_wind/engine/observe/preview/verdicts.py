@@ -198,7 +198,11 @@ def _blur(seen: Observation) -> Verdict:
 
 
 def _scale(settings: ObserveSettings) -> Verdict:
-    if settings.distance or settings.pixels_per_metre or settings.depth or settings.camera or settings.depth_model:
+    if settings.distance:
+        # the panel always gives one, looked at or not
+        away = f"{settings.distance:g} m"
+        return Verdict("scale", 0.0, f"It is taken to be {away} from the camera: at twice that it is twice as large and as fast.")
+    if settings.pixels_per_metre or settings.depth or settings.camera or settings.depth_model:
         return Verdict("scale", 0.0, "It is given.")
     return Verdict("scale", 0.9, "No length is known, so forces are off by one unknown factor.", "Give --pixels-per-metre or --distance.")
 

@@ -90,7 +90,9 @@ def load_clip(path: str) -> bpy.types.MovieClip:
     try:
         clip = bpy.data.movieclips.load(opened_by(os.path.realpath(path)))
     except RuntimeError as error:
-        raise ClipError(f"Blender cannot open {path}.", "Convert it to MP4 (H.264) or check the path.") from error
+        if not os.path.exists(opened_by(path)):
+            raise ClipError(f"There is no file {path}.", "Choose it again; it may have been moved.") from error
+        raise ClipError(f"Blender cannot open {path}.", "Convert it to MP4 (H.264).") from error
     clip[PLACED] = True
     return clip
 

@@ -9,6 +9,7 @@ from ...job import status
 from ...job.panel_pieces import Tab, columns, draw_failure, draw_job, draw_override, draw_progress, draw_text, fold, panels
 from ...job.status import State
 from ...option_properties import panel_options
+from .material_menu import draw_material
 from .preview import FILM, IMAGE
 
 
@@ -28,7 +29,7 @@ class ObjectTab(Tab):
             column.prop(settings, "proxy")
         else:
             column.prop(settings, "pixels_per_metre" if settings.scale_mode == "PIXELS" else "distance")
-        column.prop(settings, "material")
+        draw_material(column, settings)
         column.prop(settings, "form")
         _draw_material(column, settings)
         _draw_corrections(column, settings)
@@ -127,7 +128,7 @@ def _draw_preview(layout, context, settings) -> None:
         return
     image = settings.preview_image
     if image is not None and image.preview is not None:
-        body.template_icon(icon_value=image.preview.icon_id, scale=8.0)
+        body.template_icon(icon_value=image.preview.icon_id, scale=11.0)
     row = body.row(align=True)
     for name, text, icon in ((IMAGE, "Image", "IMAGE_DATA"), (FILM, "Film", "FILE_MOVIE")):
         row.operator("wm.path_open", text=text, icon=icon).filepath = f"{settings.previewed_take}/{name}"
@@ -165,7 +166,7 @@ def _draw_guesses(layout, context, settings, space: str) -> None:
     now = status.of(context.scene.session_uid)
     asked = now.steps.get("identify")
     if now.running == "identify" and asked is not None:
-        draw_progress(body, asked, now.cancelling)
+        draw_progress(body, context, asked, now.cancelling)
         return
     row = body.row()
     row.enabled = now.steps["clip"].state == State.DONE and not now.running

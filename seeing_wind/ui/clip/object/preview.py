@@ -17,7 +17,7 @@ from ...job.panel_words import in_panel_words
 from ...job.status import digest_of
 from ...job.worker_command import ROOT, command, environment
 from ...option_properties import part_of, values_of
-from ..inputs.clips import content_of, files_of
+from ..inputs.clips import clip_of, content_of, files_of
 from ..options import View, clip_options
 from .options import object_options
 
@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 
 IMAGE, FILM, HELD = "preview.png", "preview.mp4", "held.png"
 """What the engine leaves in the take."""
+ICON = 640
+"""Pixels that an icon of the preview is wide, at most."""
 
 
 class SEEING_WIND_OT_preview(JobOperator, bpy.types.Operator):
@@ -65,7 +67,7 @@ class SEEING_WIND_OT_preview(JobOperator, bpy.types.Operator):
             verdict.doubtful = each["severity"] > 0.0
         settings.previewed_take, settings.previewed_digest, settings.foreseen_digest = str(self.folder), self.digest, self.foreseen
         settings.proposed_pin = str(self.folder / HELD) if HELD in result.get("files", []) else ""
-        settings.preview_image = _loaded(self.folder / IMAGE)
+        settings.preview_image = _loaded(self.folder / IMAGE, clip_of(settings))
         doubtful = [verdict.name for verdict in settings.verdicts if verdict.doubtful]
         return f"Doubtful: {', '.join(doubtful)}" if doubtful else "All that is seen looks good"
 
@@ -105,11 +107,24 @@ def _asked(clip: Clip, marked: Marked) -> ObserveSettings:
     return ObserveSettings(**marked[0] | clip[1])
 
 
-def _loaded(path: Path) -> bpy.types.Image:
-    """The preview as an image of this file, read anew where an earlier preview is there already."""
+def _loaded(path: Path, clip: bpy.types.MovieClip | None) -> bpy.types.Image:
+    """The preview as an image of this file, read anew where an earlier preview is there already. The icon of it leaves out the words below
+    the clip's frame, which the panel says, too."""
+    import numpy as np
+
     image = bpy.data.images.load(str(path), check_existing=True)
     image.reload()
-    image.preview_ensure()
+    icon, (width, height) = image.preview_ensure(), image.size
+    if icon is None or clip is None or not width or not clip.size[0]:
+        return image
+    pixels = np.empty(4 * width * height, dtype=np.float32)
+    image.pixels.foreach_get(pixels)
+    # rows are counted from below
+    frame = pixels.reshape(height, width, 4)[max(height - round(width * clip.size[1] / clip.size[0]), 0) :]
+    step = -(-width // ICON)
+    small = np.ascontiguousarray(frame[::step, ::step])
+    icon.image_size = small.shape[1::-1]
+    icon.image_pixels_float.foreach_set(small.ravel())
     return image
 
 

@@ -16,7 +16,7 @@ class ResimulateTab(Tab):
         """Go, or have a quick look first."""
         settings, now = context.scene.seeing_wind, status.of(context.scene.session_uid)
         if now.running == status.EDIT_PREVIEW:
-            draw_progress(layout, now.steps[status.EDIT_PREVIEW], now.cancelling)
+            draw_progress(layout, context, now.steps[status.EDIT_PREVIEW], now.cancelling)
             return
         blown = settings.recovered_take or field_at_hand(context) is not None
         missing = "First recover a field, or add a wind" if not blown else "First insert a mesh" if not len(settings.bodies) else ""

@@ -182,8 +182,11 @@ def said_by(python: list[str], code: str) -> str:
 
 def refresh() -> None:
     """Look for the engine and keep what the panel says about it."""
+    former = status.engine.python
     try:
         status.engine.python, status.engine.problem = engine_python(), None
     except SeeingWindError as error:
         status.engine.python = ""
         status.engine.problem = status.Step(status.State.FAILED, message=error.message, hint=error.hint, mend=error.mend)
+    if status.engine.python != former:
+        status.forget_engine_failures()

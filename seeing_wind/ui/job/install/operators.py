@@ -9,7 +9,7 @@ from . import environment as engine_environment
 from . import install
 from .choices import EXTENSION
 
-TEXT = "Seeing Wind Doctor"
+TEXT = "Seeing Wind Engine"
 
 
 class InstallOperator(JobOperator):
@@ -47,7 +47,7 @@ class SEEING_WIND_OT_doctor(JobOperator, bpy.types.Operator):
     """Ask the engine what is installed, what works, and what to do about the rest"""
 
     bl_idname = "seeing_wind.doctor"
-    bl_label = "Doctor"
+    bl_label = "Check Engine"
     step = "engine"
 
     def start(self, scene):
@@ -65,7 +65,7 @@ class SEEING_WIND_OT_doctor(JobOperator, bpy.types.Operator):
         text = bpy.data.texts.get(TEXT) or bpy.data.texts.new(TEXT)
         text.from_string("\n".join([f"Python: {engine_environment.engine_python()}", "", *lines, ""]))
         there = sum(check["ok"] for check in further)
-        return f"The engine is complete. Of {len(further)} optional parts {there} are there: see the text {TEXT}"
+        return f"The engine is complete, with {there or 'none'} of its {len(further)} optional parts. Text Editor: {TEXT}"
 
 
 def _line(check: dict) -> str:

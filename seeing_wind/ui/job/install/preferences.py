@@ -44,19 +44,26 @@ class SEEING_WIND_AP_preferences(bpy.types.AddonPreferences):
     def draw(self, context) -> None:
         """The engine, then the model."""
         self.layout.use_property_split = True
-        column = self.layout.column(heading="Engine")
+        column = _part(self.layout, "Engine")
         column.prop(self, "python")
         row = column.row()
         row.prop(self, "torch", expand=True)
         column.prop(self, "wheels")
         row = self.layout.row()
         row.operator("seeing_wind.install_engine", icon="IMPORT")
-        row.operator("seeing_wind.doctor", icon="HEART")
+        row.operator("seeing_wind.doctor", icon="VIEWZOOM")
         draw_engine(self.layout, context, button=False)
-        column = self.layout.column(heading="What Is in the Clip")
+        self.layout.separator()
+        column = _part(self.layout, "Ask a Model What Is in the Clip")
         column.prop(self, "material_endpoint")
         column.prop(self, "material_model")
         column.prop(self, "material_key")
+
+
+def _part(layout, title: str):
+    """A column under a title; Blender leaves out the heading of a column whose first property has a name."""
+    layout.label(text=title)
+    return layout.column()
 
 
 CLASSES = (SEEING_WIND_AP_preferences,)

@@ -122,6 +122,8 @@ def test_out_of_sight(disc_seen: Observation) -> None:
 def test_no_scale(disc_seen: Observation) -> None:
     assert verdict(disc_seen, "scale", ObserveSettings()).severity > 0.0
     assert verdict(disc_seen, "scale", ObserveSettings(pixels_per_metre=300.0)).severity == 0.0
+    given = verdict(disc_seen, "scale", ObserveSettings(distance=2.5))
+    assert given.severity == 0.0 and "2.5 m" in given.because
 
 
 def test_a_held_foot_is_proposed(disc_seen: Observation) -> None:
