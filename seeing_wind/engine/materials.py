@@ -53,9 +53,9 @@ class SolverLimits:
         "after 333 mm of travel.",
     )  # fmt: skip
     courant: float = constant(0.3, "cells", "What an elastic wave may cross in a substep.", "Stable up to about 1; a margin of three.")
-    plastic_courant: float = constant(
-        0.05, "cells", "The same for bodies that flow, as far as the substeps allowed go: the return mapping wants small strains.",
-        "Squeezed clay driven by the known force of another simulator ends 14 % of its way off with 0.3, 1.3 % with 0.05.",
+    flow_substeps: float = constant(
+        3000.0, "1/s", "Of bodies that flow, at least. With fewer they flow too far in one; more than the waves need damp the flow, and "
+        "without end, as each passes the motion through the grid once more.", "Development scenes, docs/notebook/solver.md.",
     )  # fmt: skip
     viscous_courant: float = constant(
         0.48, "cells", "Largest crossed sqrt(1 + 2 tau / dt) of a damped body.",
@@ -177,14 +177,14 @@ SHEET_UNITS = {"areal_density": "kg/m²", "thickness": "m", "tensile_stiffness":
 """What a sheet needs numbers above zero for."""
 
 
-def substeps_needed(material: Material, dx: float, frame_dt: float, density: float = 1.0, courant: float = LIMITS.courant) -> int:
-    """Substeps a frame [s] that the waves of a material need on a grid of dx [m]: dt <= courant dx / c, c² = (lam + 2 mu) / rho.
+def substeps_needed(material: Material, dx: float, frame_dt: float, density: float = 1.0) -> int:
+    """Substeps a frame [s] that the waves of a material need on a grid of dx [m]: dt <= `LIMITS.courant` dx / c, c² = (lam + 2 mu) / rho.
 
     Args:
         density: factor on the material's.
     """
     mu, lam = lame(material.youngs_modulus, material.poisson_ratio)
-    return math.ceil(math.sqrt((lam + 2.0 * mu) / (material.density * density)) * frame_dt / (courant * dx))
+    return math.ceil(math.sqrt((lam + 2.0 * mu) / (material.density * density)) * frame_dt / (LIMITS.courant * dx))
 
 
 def find(name: str) -> Material:

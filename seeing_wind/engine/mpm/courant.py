@@ -35,11 +35,11 @@ def most_substeps(parts: Iterable[Part], dx: float, frame_dt: float) -> int:
     return LIMITS.max_substeps_held if held else LIMITS.max_substeps
 
 
-def wave_substeps(part: Part, dx: float, frame_dt: float, courant: float = LIMITS.courant) -> int:
+def wave_substeps(part: Part, dx: float, frame_dt: float) -> int:
     """Substeps that the waves of a body need where it is stiffest; no more than its material asks for."""
     body, material, density = part
     factor = 1.0 if body.stiffness is None else min(1.0, float(np.max(body.stiffness)))
-    return substeps_needed(replace(material, youngs_modulus=factor * material.youngs_modulus), dx, frame_dt, density, courant)
+    return substeps_needed(replace(material, youngs_modulus=factor * material.youngs_modulus), dx, frame_dt, density)
 
 
 def carried_modulus(part: Part, dx: float, frame_dt: float, max_substeps: int) -> tuple[float, int]:
@@ -48,5 +48,5 @@ def carried_modulus(part: Part, dx: float, frame_dt: float, max_substeps: int) -
     if needed > max_substeps:
         return material.youngs_modulus * (max_substeps / needed) ** 2, max_substeps
     if material.law in PLASTIC_LAWS:
-        needed = min(max_substeps, wave_substeps(part, dx, frame_dt, LIMITS.plastic_courant))
+        needed = min(max_substeps, max(needed, math.ceil(LIMITS.flow_substeps * frame_dt)))
     return material.youngs_modulus, needed

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -154,6 +155,17 @@ def test_a_held_body_keeps_a_stiffness_that_a_free_one_loses():
     # Where a hundredth of it would be left, they are spared.
     spared, notes = model_for(replace(free, pinned=pinned), replace(stiff, youngs_modulus=100.0 * modulus), 30.0)
     assert spared.substeps == LIMITS.max_substeps and any("in proportion" in note for note in notes)
+
+
+def test_a_body_that_flows_has_as_many_substeps_a_second_at_any_frame_rate():
+    clay = replace(RUBBER, name="clay", law="von_mises", yield_stress=60.0, youngs_modulus=5e3)
+    for fps in (24.0, 60.0, 240.0):
+        assert model_for(block(), clay, fps)[0].substeps == math.ceil(LIMITS.flow_substeps / fps)
+    # What is stiff has as many as an elastic body has, and not more, which would damp it.
+    stiff = replace(clay, youngs_modulus=1e5)
+    waves = model_for(block(), replace(stiff, law="corotated"), 30.0)[0].substeps
+    assert LIMITS.flow_substeps / 30.0 < waves < LIMITS.max_substeps
+    assert model_for(block(), stiff, 30.0)[0].substeps == waves
 
 
 def test_unknown_law_names_the_others():
