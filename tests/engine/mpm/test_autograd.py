@@ -181,8 +181,10 @@ def at_yield(law, substeps):
     count = 6
     body = Particles(0.2 * np.arange(count)[:, None] * [1.0, 0.0, 0.0], np.full(count, 1e-6), np.zeros(count, bool), 0.01)
     model, _ = model_for(body, replace(RUBBER, law=law, yield_stress=400.0, viscosity=3.0), 30.0, gravity=(0, 0, 0), max_substeps=1000)
-    # A fifth of the substep: a hundred of them are less than half a period, or the particle would yield again the other way.
-    model = replace(model, substeps=substeps, frame_dt=0.2 * model.frame_dt / model.substeps * substeps)
+    # A hundredth of the time in which a wave crosses a cell: a hundred of them are less than half a period, or the particle would yield
+    # again the other way.
+    crossing = model.dx / np.sqrt((model.lam + 2 * model.mu) * model.volume / model.mass).max()
+    model = replace(model, substeps=substeps, frame_dt=0.01 * crossing * substeps)
     stretches = np.exp(np.array([[0.06, 0.01, -0.05], [0.05, 0.05, -0.04]])).repeat(3, axis=0)[:, None, :] * np.eye(3)
     inputs = {"x0": body.x, "v0": rng.normal(size=(count, 3)), "F0": rotations(rng, count) @ stretches @ rotations(rng, count)}
     inputs |= {"acceleration": rng.normal(size=(1, count, 3)), "gradient": 100.0 * rng.normal(size=(1, count, 3, 3))}
