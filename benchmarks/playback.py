@@ -209,7 +209,7 @@ class Layout:
 
     def __getattr__(self, name):
         def call(*arguments, **options):
-            return (Layout(), Layout()) if name == "panel" else Layout()
+            return (Layout(), Layout()) if name.startswith("panel") else Layout()
 
         return call
 
@@ -226,7 +226,8 @@ def draw_seconds(panel: type) -> float:
     )  # fmt: skip
     if hasattr(panel, "poll") and not panel.poll(context):
         return 0.0
-    instance = SimpleNamespace(layout=Layout(), bl_space_type=panel.bl_space_type)
+    kept = {name: getattr(panel, name) for name in ("step", "title") if hasattr(panel, name)}
+    instance = SimpleNamespace(layout=Layout(), bl_space_type=panel.bl_space_type, **kept)
     for name in dir(panel):
         if not name.startswith("__") and callable(getattr(panel, name, None)) and name not in ("poll", "draw_header"):
             member = getattr(panel, name)

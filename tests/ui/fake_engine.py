@@ -6,6 +6,7 @@ floor, which the caller puts on PYTHONPATH as it does for the real engine. The f
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import runpy
@@ -157,7 +158,7 @@ def resimulate(options: list[str]) -> None:
             vertices[:, pinned] = mesh["vertices"][pinned]
         out.write_arrays(f"bodies/{body['name']}.npz", {"vertices": vertices, "triangles": mesh["triangles"], "fps": np.array(FPS)})
     out.write_json("resimulation.json", {"source": options[0], "preview": edit.get("coarseness", 1.0) > 1.0})
-    out.finish("resimulate", "0", {"source": options[0], "edit": str(edit_path)})
+    out.finish("resimulate", hashlib.sha256(edit_path.read_bytes()).hexdigest()[:16], {"source": options[0], "edit": str(edit_path)})
 
 
 def main() -> None:

@@ -17,6 +17,7 @@ import numpy as np
 from ...engine.errors import SeeingWindError, UsageError
 from ...engine.take import Take
 from ..clip.clip_scene import frame_image
+from ..clip.inputs.clips import check_film, refuse_footage
 from ..clip.inputs.pace import pace_of_scene
 from ..clip.match import is_factory
 from ..field.display import LEGEND_MARK
@@ -24,7 +25,6 @@ from ..job import takes
 from ..job.take_reading import field_summary, read_seen
 from ..job.worker import said_by
 from ..scene_units import metres_per_unit
-from ..user_paths import absolute
 from . import nodes
 from .catchers import set_catchers
 from .film import drop_lenses, grain_of, lens_of, set_focus, softness_of
@@ -109,7 +109,9 @@ def set_up(
     settings, clip = scene.seeing_wind, scene.active_clip
     if scene.camera is None or clip is None:
         raise UsageError("The scene has no camera with a clip.", "Run Recover on a clip, or load the results of one.")
-    _check_film(clip)
+    if scene.camera.type != "CAMERA":
+        raise UsageError(f"The scene looks through {scene.camera.name}, which is no camera.", "Make the clip's camera the active one.")
+    check_film(clip)
     again = any(body.is_recovered for body in settings.bodies)
     use_plate = plate == "PLATE" or (plate == "AUTO" and again)
     take = Take(takes.shown(settings)) if settings.recovered_take else None
@@ -148,10 +150,11 @@ def render(scene: bpy.types.Scene, path: Path, *, still: bool = False) -> None:
     """Render the whole range into a video (H.264 in MP4), or the current frame into a PNG. Without a window it waits.
 
     Raises:
-        UsageError: when the clip begins before frame 0, where Blender renders nothing, or its file is gone.
+        UsageError: when the clip begins before frame 0, where Blender renders nothing, its file is gone, or `path` is footage.
         SeeingWindError: when Blender could not write the file.
     """
-    _check_film(scene.active_clip)
+    check_film(scene.active_clip)
+    refuse_footage(path)
     first = scene.seeing_wind.frame_start
     if first < 0 and not still:
         raise UsageError(
@@ -190,13 +193,6 @@ def astray(scene: bpy.types.Scene) -> str:
     if max(np.abs(away[:3, :3]).max(), angles) < ASTRAY and np.abs(away[:3, 3]).max() * metres_per_unit(scene) < ASTRAY:
         return ""
     return f"{camera.name} is not where the clip's camera was, so nothing stands where it belongs: make {clips.name} the active camera."
-
-
-def _check_film(clip: bpy.types.MovieClip | None) -> None:
-    """UsageError for a clip without its file: Blender renders nothing in its place."""
-    path = absolute(clip.filepath, clip.library) if clip is not None else ""
-    if clip is not None and not Path(path).is_file():
-        raise UsageError(f"There is no file {path}.", "Put it back, or choose the clip again.")
 
 
 def _missing(take: Take | None) -> str:

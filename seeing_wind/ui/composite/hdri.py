@@ -11,6 +11,8 @@ from ..job.worker import said_by
 from ..user_paths import absolute
 
 WORLD = "Seeing Wind HDRI"
+NODES = {f"ShaderNode{kind}" for kind in ("Mapping", "TexEnvironment", "Background")}
+"""Of that world, those that are set."""
 
 
 def set_hdri(scene: bpy.types.Scene) -> Path:
@@ -28,6 +30,9 @@ def set_hdri(scene: bpy.types.Scene) -> Path:
         world = scene.world = _world()
     # by type: names of nodes are those of the user's language
     nodes = {node.bl_idname: node for node in world.node_tree.nodes}
+    if not NODES <= nodes.keys():  # somebody has taken some away
+        scene.world = _world()
+        nodes = {node.bl_idname: node for node in scene.world.node_tree.nodes}
     nodes["ShaderNodeTexEnvironment"].image = image
     nodes["ShaderNodeMapping"].inputs["Rotation"].default_value = (0.0, 0.0, settings.hdri_turn)
     nodes["ShaderNodeBackground"].inputs["Strength"].default_value = settings.hdri_strength

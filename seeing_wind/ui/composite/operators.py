@@ -1,11 +1,13 @@
 """The edit over the clip, set up and rendered."""
 
+import itertools
 from pathlib import Path
 
 import bpy
 from bpy.props import BoolProperty, StringProperty
 
 from ...engine.errors import SeeingWindError
+from ..clip.inputs.clips import is_footage
 from ..direct_operator import DirectOperator
 from ..job import takes
 from ..property_kinds import PATH
@@ -59,19 +61,26 @@ class SEEING_WIND_OT_render_composite(DirectOperator, bpy.types.Operator):
     still: BoolProperty(name="This Frame Only", options={"SKIP_SAVE"}, description="An image of the current frame instead of the video")
 
     def act(self, context):
-        """Sets the composite up first when it has not been."""
+        """Sets the composite up first when it has not been, or otherwise than it is to look now."""
         from . import composite, nodes  # needs NumPy
 
         scene = context.scene
-        if not nodes.is_set_up(scene):
+        former = scene.seeing_wind.composite_as  # nothing where a script has set it up
+        if not nodes.is_set_up(scene) or former not in ("", _as_text(scene.seeing_wind)):
             _set_up(scene)
         if self.filepath:
             path = Path(absolute(self.filepath))
         else:
             home = takes.shown(scene.seeing_wind).parent if scene.seeing_wind.recovered_take else Path(absolute("//"))
-            path = home / ("composite.png" if self.still else "composite.mp4")
+            path = _unshown(home / ("composite.png" if self.still else "composite.mp4"))
         composite.render(scene, path, still=self.still)
         return f"Rendered {path}" if bpy.app.background else f"Rendering into {path}"
+
+
+def _unshown(path: Path) -> Path:
+    """`path`, or with a number in its name where this file shows it: the composite of one shot may be the clip of the next."""
+    names = (path.with_name(f"{path.stem}_{number}{path.suffix}") for number in itertools.count(2))
+    return path if not is_footage(path) else next(name for name in names if not is_footage(name))
 
 
 def _set_up(scene: bpy.types.Scene):
@@ -81,8 +90,13 @@ def _set_up(scene: bpy.types.Scene):
     settings = scene.seeing_wind
     chosen = {name: getattr(settings.composite, name) for name in LOOK if name != "behind"}
     done = set_up(scene, plate=settings.composite.behind, **chosen)
-    settings.composite_said = str(done)
+    settings.composite_said, settings.composite_as = str(done), _as_text(settings)
     return done
+
+
+def _as_text(settings: bpy.types.PropertyGroup) -> str:
+    """All that the composite is set up by."""
+    return repr([getattr(settings.composite, name) for name in LOOK] + [settings.hdri, settings.hdri_turn, settings.hdri_strength])
 
 
 CLASSES = (SEEING_WIND_OT_set_up_composite, SEEING_WIND_OT_render_composite)

@@ -59,6 +59,7 @@ class CompositeSettings:
 
     composite: PointerProperty(type=SEEING_WIND_PG_composite, description="How the edit is put over the clip")
     composite_said: StringProperty(options={"HIDDEN"}, description="What was set up last")
+    composite_as: StringProperty(options={"HIDDEN"}, description="By which settings")
     hdri: StringProperty(
         name="HDRI", subtype="FILE_PATH", options=PATH,
         description="A panorama (.hdr or .exr) of where the clip was filmed, which lights the edit; empty: the sun and sky of the clip",

@@ -51,7 +51,8 @@ def duplicate(scene: bpy.types.Scene) -> str:
     new.name = _free_name(settings)
     _keep(settings, new)
     new.edit_folder = new.name.lower().replace(" ", "_")
-    new.simulated_digest = new.simulated_take = new.coarse_digest = new.coarse_take = new.baked_digest = ""
+    new.simulated_digest = new.simulated_take = new.simulated_stamp = ""
+    new.coarse_digest = new.coarse_take = new.coarse_stamp = new.baked_digest = ""
     new.simulated_notes.clear()
     new.coarse_notes.clear()
     step = Vector((_width(settings) * GAP, 0.0, 0.0))

@@ -82,9 +82,11 @@ class EditOptions:
     edit_folder: StringProperty(options={"HIDDEN"})
     simulated_digest: StringProperty(options={"HIDDEN"})
     simulated_take: StringProperty(options={"HIDDEN"})
+    simulated_stamp: StringProperty(options={"HIDDEN"}, description="Of its motion: tells when another one has taken its place")
     simulated_notes: CollectionProperty(type=SEEING_WIND_PG_note)
     coarse_digest: StringProperty(options={"HIDDEN"}, description="Of the settings of the last preview")
     coarse_take: StringProperty(options={"HIDDEN"}, description="Folder that the last preview is in")
+    coarse_stamp: StringProperty(options={"HIDDEN"}, description="Of the preview's motion, likewise")
     coarse_notes: CollectionProperty(type=SEEING_WIND_PG_note)
     baked_digest: StringProperty(options={"HIDDEN"})
 

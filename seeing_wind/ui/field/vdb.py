@@ -20,6 +20,10 @@ CLASSES = {"force": "covariant", "velocity": "contravariant relative"}
 """OpenVDB's classes of vectors: how they turn and stretch with the volume."""
 
 
+FLAT = 1e-6
+"""Share of its volume below which a field object is scaled to nothing."""
+
+
 def available() -> bool:
     """Whether this Blender can write VDB files."""
     return importlib.util.find_spec("openvdb") is not None
@@ -52,6 +56,8 @@ def write_vdb(scene: bpy.types.Scene, field: bpy.types.Object, folder: Path) -> 
     spacing = (points[-1] - points[0]) / (np.array(counts) - 1)
     matrix = turn @ np.diag([*spacing, 1.0])
     matrix[:3, 3] = turn[:3, :3] @ points[0] + turn[:3, 3]
+    if abs(np.linalg.det(matrix[:3, :3])) < FLAT * np.prod(spacing):
+        raise UsageError(f"{field.name} is scaled to nothing along some axis.", "Set its scale to 1 (Alt S).")
     # OpenVDB multiplies rows from the left
     transform = openvdb.createLinearTransform(matrix.T.tolist())
     folder.mkdir(parents=True, exist_ok=True)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import bpy
 import numpy as np
 import pytest
@@ -14,6 +16,8 @@ from seeing_wind.ui.composite.nodes import is_set_up
 from seeing_wind.ui.field import vdb as field_vdb
 from seeing_wind.ui.field.display import in_figures
 from seeing_wind.ui.field.samples import read_samples, samples_of
+from seeing_wind.ui.job import takes
+from seeing_wind.ui.user_paths import absolute
 from tests.ui.composite.rendering import red_cube, render
 from tests.ui.jobs import notes_of, recover
 
@@ -179,6 +183,38 @@ def test_nodes_of_a_compositor_that_was_switched_off_stay(scene):
     scene.use_nodes = False
     composite.set_up(scene)
     assert "Mine" in scene.node_tree.nodes and is_set_up(scene)
+
+
+def test_footage_is_never_rendered_over(scene, tmp_path):
+    footage = Path(absolute(scene.active_clip.filepath))
+    before = footage.read_bytes()
+    with pytest.raises(RuntimeError, match="is footage that this file shows"):
+        bpy.ops.seeing_wind.render_composite(filepath=str(footage))
+    assert footage.read_bytes() == before
+    # the composite of one shot as the clip of the next
+    own = takes.shown(scene.seeing_wind).with_name("composite.png")
+    bpy.data.images.new("made", 8, 8).save(filepath=str(own))
+    before, shown = own.read_bytes(), bpy.data.images.load(str(own))
+    shown.use_fake_user = True
+    assert bpy.ops.seeing_wind.render_composite(still=True) == {"FINISHED"}
+    assert own.read_bytes() == before and own.with_name("composite_2.png").is_file()
+
+
+def test_render_looks_as_the_panel_says(scene, tmp_path):
+    assert bpy.ops.seeing_wind.set_up_composite(samples=1, shutter=0.5) == {"FINISHED"}
+    scene.seeing_wind.composite.shutter = 0.0
+    bpy.ops.seeing_wind.render_composite(filepath=str(tmp_path / "a.png"), still=True)
+    assert not scene.render.use_motion_blur and scene.cycles.samples == 1
+    # what the user has changed since by hand stays, as long as the panel says the same
+    scene.cycles.samples = 2
+    bpy.ops.seeing_wind.render_composite(filepath=str(tmp_path / "b.png"), still=True)
+    assert scene.cycles.samples == 2
+
+
+def test_a_scene_that_looks_through_no_camera_is_told(scene):
+    scene.camera = bpy.data.objects.new("Empty", None)
+    with pytest.raises(RuntimeError, match="looks through Empty, which is no camera"):
+        bpy.ops.seeing_wind.set_up_composite()
 
 
 def test_a_frame_that_cannot_be_written_is_told(scene, tmp_path):

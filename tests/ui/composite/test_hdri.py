@@ -69,6 +69,15 @@ def test_what_was_there_comes_back_without_it(scene, panorama) -> None:
     assert ops.set_up_composite(hdri="") == {"FINISHED"} and scene.world == sky and not scene.objects[SUN].hide_render
 
 
+def test_a_world_that_was_taken_apart_is_made_anew(scene, panorama) -> None:
+    scene.seeing_wind.hdri = str(panorama)
+    set_up(scene, samples=1)
+    nodes = scene.world.node_tree.nodes
+    nodes.remove(next(node for node in nodes if node.bl_idname == "ShaderNodeMapping"))
+    set_up(scene, samples=1)
+    assert "ShaderNodeMapping" in {node.bl_idname for node in scene.world.node_tree.nodes}
+
+
 def test_what_is_no_panorama_is_refused_and_the_light_stays(scene, tmp_path, panorama) -> None:
     (tmp_path / "text.hdr").write_text("no light")
     image = bpy.data.images.new("flat", 8, 4)

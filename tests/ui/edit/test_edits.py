@@ -44,6 +44,21 @@ def test_the_engine_reads_what_the_panel_says(workplace, recovered) -> None:
     assert state("resimulate") == "stale"
 
 
+def test_versions_of_a_file_do_not_bake_each_other_s_motion(workplace, recovered) -> None:
+    cube("Falling")
+    bpy.ops.seeing_wind.insert_mesh(object="Falling")
+    bpy.ops.seeing_wind.resimulate()
+    bpy.ops.wm.save_as_mainfile(filepath=str(workplace / "a.blend"))
+    bpy.ops.wm.save_as_mainfile(filepath=str(workplace / "b.blend"))
+    bpy.ops.seeing_wind.scale_mass(factor=8.0)
+    bpy.ops.seeing_wind.resimulate()
+    bpy.ops.wm.open_mainfile(filepath=str(workplace / "a.blend"))
+    with pytest.raises(RuntimeError, match="another version of this file simulated its own"):
+        bpy.ops.seeing_wind.bake()
+    bpy.ops.seeing_wind.resimulate()
+    assert bpy.ops.seeing_wind.bake() == {"FINISHED"}
+
+
 def test_pins_go_with_the_bone_that_holds_them(workplace, recovered) -> None:
     held = cube("Held")
     group(held, "Top", {0: 1.0, 1: 1.0})

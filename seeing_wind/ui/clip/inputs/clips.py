@@ -11,7 +11,7 @@ from pathlib import Path
 import bpy
 
 from ....engine.conventions import IMAGE_SUFFIXES, image_files, is_sequence
-from ....engine.errors import ClipError
+from ....engine.errors import ClipError, UsageError
 from ...user_paths import absolute
 from .pace import Pace, pace_of, set_pace
 
@@ -156,6 +156,28 @@ def files_of(path: str) -> list[Path]:
 def opened_by(path: str) -> str:
     """The path by which Blender opens a clip: a sequence by its first frame, from which the engine counts too."""
     return str(files_of(path)[0])
+
+
+def check_film(clip: bpy.types.MovieClip | None) -> None:
+    """UsageError for a clip without its file: Blender renders nothing in its place."""
+    path = absolute(clip.filepath, clip.library) if clip is not None else ""
+    if clip is not None and not Path(path).is_file():
+        raise UsageError(f"There is no file {path}.", "Put it back, or choose the clip again.")
+
+
+def is_footage(path: Path) -> bool:
+    """Whether a file is what a movie clip or an image of this .blend shows."""
+    shown = [(clip, opened_by(absolute(clip.filepath, clip.library))) for clip in bpy.data.movieclips if clip.filepath]
+    films = [file for clip, film in shown for file in (files_of(film) if clip.source == "SEQUENCE" else [Path(film)])]
+    images = [Path(absolute(each.filepath, each.library)) for each in bpy.data.images if each.filepath and each.users]
+    wanted = os.path.realpath(path)
+    return any(os.path.realpath(each) == wanted for each in (*films, *images))
+
+
+def refuse_footage(path: Path) -> None:
+    """UsageError for a file to be written that is footage: it would be lost."""
+    if is_footage(path):
+        raise UsageError(f"{path} is footage that this file shows; rendering into it would destroy it.", "Render into another file.")
 
 
 def content_of(path: str | os.PathLike[str]) -> str:

@@ -14,8 +14,8 @@ from .request import EditRequest
 class Simulation(JobOperator):
     """Mix-in of both: the edit goes to the engine, and its motion stays in a take of its own until it is baked."""
 
-    take, digest_kept = "", ""
-    """Properties of the edit that note where the result is, and of which settings it is."""
+    take, digest_kept, stamp_kept = "", "", ""
+    """Properties of the edit that note where the result is, of which settings it is, and the engine's stamp of it."""
     coarse = False
     """Whether it is a preview."""
 
@@ -48,6 +48,8 @@ class Simulation(JobOperator):
 
     def finish(self, scene, result):
         """The motion stays in the take; where the objects show a preview, or are to show this one, it is baked at once."""
+        from ...bake.bodies import stamp_of_motion  # needs NumPy
+
         settings = scene.seeing_wind
         here = {obj.session_uid for obj in scene.objects}
         gone = [name for uid, name in self.simulated if uid not in here]
@@ -60,6 +62,7 @@ class Simulation(JobOperator):
                 body.result = self.names.get(_who(body), "")
             setattr(edit, self.digest_kept, self.digest)
             setattr(edit, self.take, str(self.folder))
+            setattr(edit, self.stamp_kept, stamp_of_motion(self.folder))
         baked = self._bake(scene) if worked_on else False
         return f"{'Previewed' if self.coarse else 'Simulated'} into {self.folder.name}{', and baked' if baked else ''}"
 
@@ -91,7 +94,7 @@ class SEEING_WIND_OT_resimulate(Simulation, bpy.types.Operator):
     bl_idname = "seeing_wind.resimulate"
     bl_label = "Re-simulate"
     bl_options = {"UNDO"}
-    step, take, digest_kept = "resimulate", "simulated_take", "simulated_digest"
+    step, take, digest_kept, stamp_kept = "resimulate", "simulated_take", "simulated_digest", "simulated_stamp"
 
 
 class SEEING_WIND_OT_preview_edit(Simulation, bpy.types.Operator):
@@ -100,7 +103,7 @@ class SEEING_WIND_OT_preview_edit(Simulation, bpy.types.Operator):
     bl_idname = "seeing_wind.preview_edit"
     bl_label = "Preview"
     bl_options = {"UNDO"}
-    step, take, digest_kept = status.EDIT_PREVIEW, "coarse_take", "coarse_digest"
+    step, take, digest_kept, stamp_kept = status.EDIT_PREVIEW, "coarse_take", "coarse_digest", "coarse_stamp"
     coarse = True
 
     def digest_of(self, scene, edit):
