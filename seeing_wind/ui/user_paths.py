@@ -15,6 +15,16 @@ def absolute(path: str, library: bpy.types.Library | None = None) -> str:
     return os.path.abspath(os.path.expanduser(bpy.path.abspath(path, library=library)))
 
 
+def noted(path: str) -> str:
+    """A path as Blender's own operators note it: beside a .blend that has been saved, relative to it, unless the preferences say no."""
+    if not bpy.data.filepath or not bpy.context.preferences.filepaths.use_relative_paths:
+        return path
+    try:
+        return str(bpy.path.relpath(absolute(path)))
+    except ValueError:  # another drive on Windows
+        return path
+
+
 def relate(settings: bpy.types.PropertyGroup, folder: str) -> None:
     """Write the paths that a user chooses relative to the folder of the .blend file, as Blender does with its own.
 

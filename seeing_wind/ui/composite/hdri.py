@@ -8,7 +8,7 @@ import bpy
 
 from ...engine.errors import UsageError
 from ..job.worker import said_by
-from ..user_paths import absolute
+from ..user_paths import absolute, noted
 
 WORLD = "Seeing Wind HDRI"
 NODES = {f"ShaderNode{kind}" for kind in ("Mapping", "TexEnvironment", "Background")}
@@ -66,7 +66,7 @@ def _panorama(path: Path, written: str) -> bpy.types.Image:
         raise UsageError(
             f"{path} has no more range than a screen shows: its sun would be as dim as its clouds.", "Choose a panorama in .hdr or .exr."
         )
-    image.filepath = written
+    image.filepath = noted(written)
     return image
 
 

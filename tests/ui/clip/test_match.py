@@ -94,6 +94,19 @@ def test_a_clip_outside_the_shots_range_is_told(own, workplace) -> None:
     assert not said_of_view(own)
 
 
+def test_a_file_that_was_saved_first_can_be_moved_with_its_clip(scene, workplace, tmp_path) -> None:
+    home, later = tmp_path / "here", tmp_path / "there"
+    home.mkdir()
+    shutil.copy(workplace / "clip.mp4", home / "clip.mp4")
+    bpy.ops.wm.save_as_mainfile(filepath=str(home / "shot.blend"))
+    assert bpy.ops.seeing_wind.choose_clip(filepath=str(home / "clip.mp4")) == {"FINISHED"}
+    bpy.ops.wm.save_mainfile()
+    home.rename(later)
+    bpy.ops.wm.open_mainfile(filepath=str(later / "shot.blend"))
+    clip = bpy.context.scene.active_clip
+    assert clip.filepath == "//clip.mp4" and clip.size[0] > 0
+
+
 def test_a_clip_that_was_moved_is_the_same_clip(scene, workplace, tmp_path) -> None:
     settings, video = scene.seeing_wind, workplace / "clip.mp4"
     first, later = tmp_path / "first" / "clip.mp4", tmp_path / "later" / "clip.mp4"

@@ -12,7 +12,7 @@ import bpy
 
 from ....engine.conventions import IMAGE_SUFFIXES, image_files, is_sequence
 from ....engine.errors import ClipError, UsageError
-from ...user_paths import absolute
+from ...user_paths import absolute, noted
 from .pace import Pace, pace_of, set_pace
 
 PLACED = "seeing_wind_placed"
@@ -93,6 +93,7 @@ def load_clip(path: str) -> bpy.types.MovieClip:
         if not os.path.exists(opened_by(path)):
             raise ClipError(f"There is no file {path}.", "Choose it again; it may have been moved.") from error
         raise ClipError(f"Blender cannot open {path}.", "Convert it to MP4 (H.264).") from error
+    clip.filepath = noted(clip.filepath)
     clip[PLACED] = True
     return clip
 
