@@ -38,6 +38,9 @@ PLATE = "Seeing Wind Clean Plate"
 ASTRAY = 0.01
 """Metres, and radians of turn or of view, by which a camera may differ from the clip's and still be taken for it."""
 
+SQUEEZED = 0.03
+"""Relative difference of shape that shows: whole pixels of small frames make two hundredths."""
+
 USUAL_FILTER, SHARPEST, SOFTEST = 1.5, 0.25, 2.5
 """Width [px] of Cycles' usual filter, Blackman and Harris's; standard deviations [px] of its Gaussian one: above the first it is softer
 than that, and the second is all that its width, four times as much, can be."""
@@ -181,11 +184,14 @@ def render(scene: bpy.types.Scene, path: Path, *, still: bool = False) -> None:
 
 
 def astray(scene: bpy.types.Scene) -> str:
-    """Whether the scene is rendered by a camera that is not where the clip's was, in the current frame; in words, "" for no.
+    """Whether the scene is rendered in another shape than the clip, or by a camera elsewhere, in the current frame; in words, "" for no.
 
     Its background is stretched to any camera, so that nobody sees it at once.
     """
-    camera, clips = scene.camera, scene.seeing_wind.camera_object
+    camera, clips, clip, to = scene.camera, scene.seeing_wind.camera_object, scene.active_clip, scene.render
+    shape = to.resolution_x * to.pixel_aspect_x / (to.resolution_y * to.pixel_aspect_y)
+    if clip is not None and clip.size[0] and abs(shape * clip.size[1] / clip.size[0] - 1.0) > SQUEEZED:
+        return f"The clip is squeezed into a frame of another shape: set the resolution to {clip.size[0]} x {clip.size[1]}."
     if camera is None or clips is None or camera == clips or scene not in clips.users_scene:
         return ""
     away = np.array(clips.matrix_world.normalized().inverted_safe() @ camera.matrix_world.normalized()) - np.eye(4)

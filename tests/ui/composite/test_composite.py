@@ -211,6 +211,12 @@ def test_render_looks_as_the_panel_says(scene, tmp_path):
     assert scene.cycles.samples == 2
 
 
+def test_a_scene_of_another_shape_than_the_clip_is_told(scene):
+    assert "squeezed" not in str(composite.set_up(scene, samples=1))
+    scene.render.resolution_x = scene.render.resolution_y = 500
+    assert "squeezed into a frame of another shape: set the resolution to 96 x 64" in str(composite.set_up(scene, samples=1))
+
+
 def test_a_scene_that_looks_through_no_camera_is_told(scene):
     scene.camera = bpy.data.objects.new("Empty", None)
     with pytest.raises(RuntimeError, match="looks through Empty, which is no camera"):
