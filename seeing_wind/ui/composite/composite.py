@@ -40,7 +40,6 @@ ASTRAY = 0.01
 
 SQUEEZED = 0.03
 """Relative difference of shape that shows: whole pixels of small frames make two hundredths."""
-
 USUAL_FILTER, SHARPEST, SOFTEST = 1.5, 0.25, 2.5
 """Width [px] of Cycles' usual filter, Blackman and Harris's; standard deviations [px] of its Gaussian one: above the first it is softer
 than that, and the second is all that its width, four times as much, can be."""
