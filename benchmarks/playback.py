@@ -219,11 +219,7 @@ class Layout:
 
 def draw_seconds(panel: type) -> float:
     """Mean time of `draw` over some calls."""
-    scene = bpy.context.scene
-    context = SimpleNamespace(
-        scene=scene, region=None, preferences=bpy.context.preferences, space_data=None, active_object=None, object=None,
-        selected_objects=[], area=None, window_manager=bpy.context.window_manager,
-    )  # fmt: skip
+    context = bpy.context
     if hasattr(panel, "poll") and not panel.poll(context):
         return 0.0
     kept = {name: getattr(panel, name) for name in ("step", "title") if hasattr(panel, name)}
