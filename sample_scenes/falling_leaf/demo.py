@@ -29,6 +29,7 @@ sys.path[:0] = [str(HERE), str(HERE.parent / "common"), str(ROOT)]  # a script o
 
 import cv2  # noqa: E402
 import make  # noqa: E402
+from check import HELD  # noqa: E402
 from in_blender import BlenderFailed, run  # noqa: E402
 from leaf import make_leaf, make_texture  # noqa: E402
 
@@ -166,7 +167,7 @@ def measure(out: Path) -> dict:
 def pinned_moved(edit: Path) -> float:
     """How far any pinned vertex is from its first place at any time [mm]."""
     moved = []
-    for name in ("Towel", "Napkin", "Sheet", "Pillowcase"):
+    for name in HELD:
         held = np.load(edit / "pins" / f"{name}.npy", allow_pickle=False)
         with np.load(edit / "bodies" / f"{name}.npz", allow_pickle=False) as body:
             vertices = body["vertices"][:, held]

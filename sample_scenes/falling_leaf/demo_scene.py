@@ -66,7 +66,7 @@ def main(folder: Path) -> None:
     done(bpy.ops.seeing_wind.apply_to_field())
     insert_washing(scene)
     insert_leaves(scene, folder)
-    say("simulating two cloths and two leaves in the recovered wind")
+    say("simulating four cloths and two leaves in the recovered wind")
     done(bpy.ops.seeing_wind.resimulate())
     done(bpy.ops.seeing_wind.bake())
     add_leaves(scene, folder)

@@ -171,7 +171,7 @@ def bake_bodies(
     if not folder.is_dir():
         raise TakeError(f"There is no folder {folder}.", "Put it back, or run Re-simulate again.")
     noted = settings.coarse_stamp if preview else settings.simulated_stamp
-    if noted and stamp_of_motion(folder) != noted:
+    if noted and takes.stamp_of(folder, "resimulate") != noted:
         raise TakeError(f"{folder} has another motion by now: another version of this file simulated its own.", "Run Re-simulate again.")
     chosen = _named(bodies, name)
     missing = [body.name for body in chosen if not (folder / "bodies" / f"{body.result}.npz").is_file()]
@@ -182,15 +182,6 @@ def bake_bodies(
     if len(chosen) == len(bodies):
         settings.baked_digest = (settings.coarse_digest if preview else settings.simulated_digest) + stamp_of_bakes(scene)
     return done
-
-
-def stamp_of_motion(folder: Path) -> str:
-    """Which re-simulation the motion in a take comes from; "" for a take that does not say.
-
-    Raises:
-        TakeError: when its description is damaged.
-    """
-    return str(Take(folder).description().get("stages", {}).get("resimulate", {}).get("stamp", ""))
 
 
 def clear_bodies(scene: bpy.types.Scene, name: str) -> int:

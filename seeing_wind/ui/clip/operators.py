@@ -29,9 +29,7 @@ class SEEING_WIND_OT_choose_clip(DirectOperator, bpy.types.Operator):
         default="*" + VIDEOS.replace(";", ";*") + ";*.png;*.jpg;*.jpeg;*.tif;*.tiff;*.bmp;*.webp", options={"HIDDEN"}
     )
     # hidden: the file browser would show it as a box to tick
-    active: BoolProperty(
-        name="Active Clip", options={"SKIP_SAVE", "HIDDEN"}, description=ACTIVE
-    )
+    active: BoolProperty(name="Active Clip", options={"SKIP_SAVE", "HIDDEN"}, description=ACTIVE)
 
     @classmethod
     def description(cls, context, properties):

@@ -27,12 +27,11 @@ def set_hdri(scene: bpy.types.Scene) -> Path:
     world = scene.world
     if world is None or world.name.split(".")[0] != WORLD:
         settings.former_world = world
-        world = scene.world = _world()
-    # by type: names of nodes are those of the user's language
-    nodes = {node.bl_idname: node for node in world.node_tree.nodes}
-    if not NODES <= nodes.keys():  # somebody has taken some away
-        scene.world = _world()
-        nodes = {node.bl_idname: node for node in scene.world.node_tree.nodes}
+        world = scene.world = bpy.data.worlds.new(WORLD)
+    nodes = _nodes(world)
+    if not NODES <= nodes.keys():  # new, or somebody has taken some away
+        _build(world)
+        nodes = _nodes(world)
     nodes["ShaderNodeTexEnvironment"].image = image
     nodes["ShaderNodeMapping"].inputs["Rotation"].default_value = (0.0, 0.0, settings.hdri_turn)
     nodes["ShaderNodeBackground"].inputs["Strength"].default_value = settings.hdri_strength
@@ -70,8 +69,12 @@ def _panorama(path: Path, written: str) -> bpy.types.Image:
     return image
 
 
-def _world() -> bpy.types.World:
-    world = bpy.data.worlds.new(WORLD)
+def _nodes(world: bpy.types.World) -> dict[str, bpy.types.Node]:
+    """By type: names of nodes are those of the user's language."""
+    return {node.bl_idname: node for node in world.node_tree.nodes} if world.node_tree is not None else {}
+
+
+def _build(world: bpy.types.World) -> None:
     world.use_nodes = True
     nodes, link = world.node_tree.nodes, world.node_tree.links.new
     nodes.clear()
@@ -84,4 +87,3 @@ def _world() -> bpy.types.World:
     link(light.outputs["Background"], output.inputs["Surface"])
     for column, node in enumerate((way, turn, panorama, light, output)):
         node.location = (260 * column, 0)
-    return world

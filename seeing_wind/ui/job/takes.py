@@ -106,26 +106,26 @@ def _owner(folder: Path) -> str | None:
     return first.removeprefix("# scene ").strip() if first.startswith("# scene ") else None
 
 
-def stamp_of_field(folder: Path) -> str:
-    """Which recovery the field of a take comes from; "" for a take that does not say.
+def stamp_of(folder: Path, stage: str = "recover") -> str:
+    """Which run of a stage the results in a take come from, its field or its motion ("resimulate"); "" for a take that does not say.
 
     Raises:
         TakeError: when its description is damaged.
     """
     from ...engine.take import Take
 
-    return str(Take(folder).description().get("stages", {}).get("recover", {}).get("stamp", ""))
+    return str(Take(folder).description().get("stages", {}).get(stage, {}).get("stamp", ""))
 
 
 def show(settings: bpy.types.PropertyGroup, folder: Path, digest: str) -> None:
     """Note that the scene shows the field of `folder`, which was made with the settings of that digest."""
-    settings.recovered_take, settings.recovered_digest, settings.recovered_stamp = str(folder), digest, stamp_of_field(folder)
+    settings.recovered_take, settings.recovered_digest, settings.recovered_stamp = str(folder), digest, stamp_of(folder)
     settings.started_take = str(folder)
 
 
 def is_shown(settings: bpy.types.PropertyGroup, folder: Path) -> bool:
     """Whether the scene shows the field that is in `folder` now."""
-    return bool(settings.recovered_take) and shown(settings) == folder and settings.recovered_stamp == stamp_of_field(folder)
+    return bool(settings.recovered_take) and shown(settings) == folder and settings.recovered_stamp == stamp_of(folder)
 
 
 def shown(settings: bpy.types.PropertyGroup) -> Path:
@@ -153,7 +153,7 @@ def recovered(settings: bpy.types.PropertyGroup) -> Path:
     folder = shown(settings)
     if not folder.is_dir():
         raise TakeError(*gone(folder))
-    if settings.recovered_stamp and stamp_of_field(folder) != settings.recovered_stamp:
+    if settings.recovered_stamp and stamp_of(folder) != settings.recovered_stamp:
         raise TakeError(
             f"{folder} has been recovered again since this scene loaded it.",
             "Press Reload to load what it holds now, or choose another Take and run Recover again.",
@@ -206,7 +206,7 @@ def _moved(stored: str, stamp: str) -> Path:
 
 def _is_of(folder: Path, stamp: str) -> bool:
     with contextlib.suppress(TakeError):
-        return stamp_of_field(folder) == stamp
+        return stamp_of(folder) == stamp
     return False
 
 

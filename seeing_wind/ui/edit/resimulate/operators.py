@@ -48,8 +48,6 @@ class Simulation(JobOperator):
 
     def finish(self, scene, result):
         """The motion stays in the take; where the objects show a preview, or are to show this one, it is baked at once."""
-        from ...bake.bodies import stamp_of_motion  # needs NumPy
-
         settings = scene.seeing_wind
         here = {obj.session_uid for obj in scene.objects}
         gone = [name for uid, name in self.simulated if uid not in here]
@@ -62,7 +60,7 @@ class Simulation(JobOperator):
                 body.result = self.names.get(_who(body), "")
             setattr(edit, self.digest_kept, self.digest)
             setattr(edit, self.take, str(self.folder))
-            setattr(edit, self.stamp_kept, stamp_of_motion(self.folder))
+            setattr(edit, self.stamp_kept, takes.stamp_of(self.folder, "resimulate"))
         baked = self._bake(scene) if worked_on else False
         return f"{'Previewed' if self.coarse else 'Simulated'} into {self.folder.name}{', and baked' if baked else ''}"
 
