@@ -200,13 +200,14 @@ def cloth(scene: Scene, vertices: np.ndarray, faces: np.ndarray, held: np.ndarra
     return model, count, lag
 
 
-def simulate(scene: Scene, frames: int, gravity: Vector = GRAVITY) -> dict[str, np.ndarray]:
-    """What a file holds. Raises SystemExit where the cloth explodes."""
+def simulate(scene: Scene, frames: int, gravity: Vector = GRAVITY, finer: int = 1) -> dict[str, np.ndarray]:
+    """What a file holds, with `finer` times the substeps. Raises SystemExit where the cloth explodes."""
     import newton
 
     vertices, faces = scene.mesh()
     held = scene.held(vertices)
     model, count, lag = cloth(scene, vertices, faces, held, gravity)
+    count *= finer
     solver = newton.solvers.SolverSemiImplicit(model, enable_tri_contact=False)
     state, after, control = model.state(), model.state(), model.control()
     every = max(1, count // LOOKS)

@@ -45,6 +45,27 @@ def test_products_and_sums_over_planes():
     assert torch.allclose(planes.multiplied(stencil), torch.full((10, 2), 27.0))
 
 
+@pytest.mark.parametrize("how", ["summed", "multiplied"])
+def test_derivatives_by_the_table_and_by_the_place_are_those_of_differences(how):
+    torch.manual_seed(0)
+    planes = Planes([(0, 1), (1, 2)], [(4, 5), (5, 6)], 3, 2).double()
+    s = 0.1 + 0.8 * torch.rand(7, 3, dtype=torch.float64)
+
+    def looked_up(table, s):
+        return torch.func.functional_call(_Lookup(planes, how), {"planes.table": table}, (s,))
+
+    assert torch.autograd.gradcheck(looked_up, (planes.table.detach().requires_grad_(), s.requires_grad_()))
+
+
+class _Lookup(torch.nn.Module):
+    def __init__(self, planes, how):
+        super().__init__()
+        self.planes, self.how = planes, how
+
+    def forward(self, s):
+        return getattr(self.planes, self.how)(self.planes.stencil(s))
+
+
 def test_a_new_field_has_no_force():
     module = CausalTriPlane(5, [(6, 6, 6)])
     assert not module(torch.rand(20, 3), torch.randint(5, (20,))).any()
