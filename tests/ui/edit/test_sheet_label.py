@@ -64,3 +64,26 @@ def test_a_sheets_own_numbers_reach_the_edit_and_a_solid_has_none(scene, workpla
         entries += tomllib.loads((Path(scene.seeing_wind.simulated_take) / "edit.toml").read_text())["body"]
     assert [entries[0][name] for name in ("areal_density", "thickness", "bending_stiffness")] == pytest.approx([0.4, 5e-4, 2e-5])
     assert "areal_density" not in entries[1] and "tensile_stiffness" not in entries[0]
+
+
+def test_the_weight_follows_the_object_as_it_is(scene) -> None:
+    bpy.ops.mesh.primitive_grid_add(x_subdivisions=4, y_subdivisions=4, size=0.8)
+    curtain = bpy.context.object
+    bpy.ops.seeing_wind.insert_mesh(object=curtain.name, material="cotton")
+    body = scene.seeing_wind.bodies[0]
+    curtain.scale = (2.0, 1.0, 1.0)
+    bpy.context.view_layer.update()
+    assert shell_words(body) == "Shell, 120 g/m², 154 g, 0.35 mm thick"
+    rig = bpy.data.objects.new("Rig", None)
+    scene.collection.objects.link(rig)
+    curtain.parent, rig.scale = rig, (0.5, 0.5, 0.5)
+    bpy.context.view_layer.update()
+    assert body.open_area == pytest.approx(0.32), "in the world"
+    for vertex in curtain.data.vertices:
+        vertex.co.x *= 3.0
+    curtain.data.update_tag()
+    bpy.context.view_layer.update()
+    assert body.open_area == pytest.approx(0.96)
+    bpy.ops.mesh.primitive_cube_add()
+    body.object = bpy.context.object
+    assert shell_words(body) == "", "another mesh, which is closed"

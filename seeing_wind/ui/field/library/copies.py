@@ -1,4 +1,7 @@
-"""Field objects that were duplicated: Blender's copy reads the texture of its original, and turns with it. It gets one of its own."""
+"""Field objects that were duplicated: Blender's copy reads the texture of its original, and turns with it. It gets one of its own.
+
+A wind that was dragged or appended from the library, without an operator of ours, gets its arrows in the same way.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +10,7 @@ import contextlib
 import bpy
 from bpy.app.handlers import persistent
 
-from ..display import CARRIED, KIND, is_field, stride_of
+from ..display import CARRIED, KIND, is_field, lacks_arrows, stride_of
 
 
 def copies_in(scene: bpy.types.Scene) -> list[bpy.types.Object]:
@@ -37,6 +40,8 @@ def make_independent(field: bpy.types.Object) -> None:
 
 def _make_all_independent() -> float | None:
     """Of every scene, once Blender is out of the operator that made the copies; seconds to wait where they are still being moved."""
+    from .arrows import show_arrows  # needs NumPy
+
     windows = bpy.context.window_manager.windows
     if any(operator.bl_idname.startswith("TRANSFORM_") for window in windows for operator in window.modal_operators):
         return 0.2
@@ -44,6 +49,8 @@ def _make_all_independent() -> float | None:
         for field in copies_in(scene) if scene.library is None else ():
             with contextlib.suppress(ReferenceError):
                 make_independent(field)
+        for field in [obj for obj in scene.objects if lacks_arrows(obj)] if scene.library is None else ():
+            show_arrows(scene, field)
     return None
 
 
@@ -51,7 +58,7 @@ def _make_all_independent() -> float | None:
 def _after_change(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None = None, *_: object) -> None:
     updates = depsgraph.updates if depsgraph is not None else ()
     changed = (update.id.original for update in updates if isinstance(update.id, bpy.types.Object))
-    if any(_is_copy(obj) for obj in changed) and not bpy.app.timers.is_registered(_make_all_independent):
+    if any(_is_copy(obj) or lacks_arrows(obj) for obj in changed) and not bpy.app.timers.is_registered(_make_all_independent):
         # not at once: Blender allows no new data while it evaluates
         bpy.app.timers.register(_make_all_independent, first_interval=0.0)
 
