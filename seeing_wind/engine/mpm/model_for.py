@@ -193,7 +193,7 @@ def _checked_speed(speed: float, x: np.ndarray, path: np.ndarray | None, dx: flo
     needed = math.ceil(speed * frame_dt / dx)
     if needed > max_substeps:
         raise SimulationError(
-            f"{who} is too fast at {speed:.3g} m/s: in a frame it goes through {needed} cells of the solver's grid, {dx:.2g} m each, and "
+            f"{who} at {speed:.3g} m/s is too fast: in a frame it goes through {needed} cells of the solver's grid, {dx:.2g} m each, and "
             f"{max_substeps} are allowed (one for each substep).",
             "If it is not that small or not that fast, correct the distance or scale, or the frame rate; otherwise use fewer particles.",
             quantity="velocity",
