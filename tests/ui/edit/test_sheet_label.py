@@ -6,6 +6,7 @@ import tomllib
 from pathlib import Path
 
 import bpy
+import numpy as np
 import pytest
 
 from seeing_wind.engine.materials import SHEETS
@@ -87,3 +88,52 @@ def test_the_weight_follows_the_object_as_it_is(scene) -> None:
     bpy.ops.mesh.primitive_cube_add()
     body.object = bpy.context.object
     assert shell_words(body) == "", "another mesh, which is closed"
+
+
+def insert_grid(name: str, preset: str) -> bpy.types.Object:
+    bpy.ops.mesh.primitive_grid_add(x_subdivisions=2, y_subdivisions=2, size=2.0, rotation=(0.5 * np.pi, 0.0, 0.0))
+    obj = bpy.context.object
+    obj.name = name
+    bpy.ops.seeing_wind.insert_mesh(object=name, material=preset)
+    return obj
+
+
+def brightness(scene, path: Path) -> float:
+    """Of the frame's middle, linear, as Cycles renders it."""
+    scene.render.engine, scene.cycles.samples, scene.view_settings.view_transform = "CYCLES", 16, "Raw"
+    scene.render.resolution_x = scene.render.resolution_y = 8
+    scene.render.filepath = str(path)
+    scene.render.image_settings.file_format = "OPEN_EXR"
+    bpy.ops.render.render(write_still=True)
+    image = bpy.data.images.load(str(path))
+    return float(np.mean(np.array(image.pixels[:]).reshape(8, 8, 4)[2:6, 2:6, 1]))
+
+
+def test_cloth_without_a_material_gets_one_that_the_sun_shines_through(scene, tmp_path) -> None:
+    """A camera before the cloth, a sun behind it: so much of the light as is said, less for heavy cloth, none for what is no cloth."""
+    camera = scene.camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
+    scene.collection.objects.link(camera)
+    camera.location, camera.rotation_euler = (0.0, -2.0, 0.0), (0.5 * np.pi, 0.0, 0.0)
+    sun = bpy.data.objects.new("Sun", bpy.data.lights.new("Sun", "SUN"))
+    scene.collection.objects.link(sun)
+    sun.data.energy, sun.rotation_euler = np.pi, (-0.5 * np.pi, 0.0, 0.0)
+    seen = {}
+    for preset in ("cotton", "denim", "paper"):
+        obj = insert_grid(preset.title(), preset)
+        seen[preset] = brightness(scene, tmp_path / f"{preset}.exr")
+        obj.hide_render = True
+    assert [each.name for each in bpy.data.materials if each.users] == ["Seeing Wind Cotton", "Seeing Wind Denim"]
+    assert 0.2 < seen["cotton"] < 0.35 and 0.02 < seen["denim"] < 0.1 and seen["paper"] < 0.01
+
+
+def test_a_material_of_the_users_stays(scene, capfd) -> None:
+    bpy.ops.mesh.primitive_grid_add(x_subdivisions=2, y_subdivisions=2)
+    own = bpy.data.materials.new("Mine")
+    bpy.context.object.data.materials.append(own)
+    bpy.ops.seeing_wind.insert_mesh(object="Grid", material="cotton")
+    assert list(bpy.data.objects["Grid"].data.materials) == [own] and "thin cloth" not in capfd.readouterr().out
+    cube("Box")
+    bpy.ops.seeing_wind.insert_mesh(object="Box", material="cotton")
+    assert not len(bpy.data.objects["Box"].data.materials)
+    insert_grid("Other", "cotton")
+    assert "Other had no material and looks like thin cloth now" in capfd.readouterr().out
