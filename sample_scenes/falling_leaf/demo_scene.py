@@ -52,7 +52,7 @@ DENSITY = 400.0
 """Of the leaves that fly, as dense as the filmed one [kg/m³], so that the same wind carries them."""
 LEAF, FIRST, SECOND = 0.40, (0.27, 0.02, -0.05), (-0.38, -0.05, 0.10)
 """Size of the two leaves that are simulated over that of the filmed one, and where they begin [m]."""
-SAMPLES, NOISE = 48, 0.1
+SAMPLES, NOISE = 96, 0.03
 """Of Cycles, per pixel, and the noise at which a pixel has enough: no denoiser smooths the rims of what is out of focus."""
 LEAVES, SMALL = 44, (0.12, 0.26)
 """Native particles, and their size over that of the filmed leaf."""

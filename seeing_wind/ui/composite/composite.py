@@ -88,8 +88,8 @@ class Composite:
         parts += [f"as soft as the clip ({self.softness:.1f} pixels)"] * bool(self.softness)
         parts += [f"motion blur of {self.shutter:g} frames"] * bool(self.shutter)
         parts += [f"depth of field at f/{self.fstop:g}"] * bool(self.fstop)
-        changed = [f"Changed: {', '.join(self.changed)}."] * bool(self.changed)
-        return " ".join([*self.warnings, *changed, f"Composite over {', '.join(parts)}"])
+        changed = f". Changed: {', '.join(self.changed)}" if self.changed else ""
+        return " ".join([*self.warnings, f"Composite over {', '.join(parts)}{changed}"])
 
 
 def set_up(

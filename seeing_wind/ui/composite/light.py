@@ -159,10 +159,7 @@ def set_light(scene: bpy.types.Scene, surroundings: np.ndarray | None, seen: tup
     light = light_of(surroundings, bands_of(scene, min(BANDS, len(surroundings))), HAZY if seen is None else seen[1])
     former = scene.world
     if former is None or _is_factory_world(former) or _is_as_made(former):
-        scene.world = _sky(light)
-        if former is not None and MADE in former and former.users == 0:
-            bpy.data.worlds.remove(former)
-            scene.world.name = SKY
+        scene.world = _sky(light, former if former is not None and MADE in former else None)
     sun = next((obj for obj in scene.objects if obj.type == "LIGHT" and is_called(obj, SUN)), None)
     if sun is None:
         sun = bpy.data.objects.new(SUN, bpy.data.lights.new(SUN, "SUN"))
@@ -206,20 +203,27 @@ def linear(image: np.ndarray) -> np.ndarray:
     return np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4)
 
 
-def _sky(light: Light) -> bpy.types.World:
-    """What is around the scene, by elevation."""
-    world = bpy.data.worlds.new(SKY)
-    world.use_nodes = True
-    nodes, link = world.node_tree.nodes, world.node_tree.links.new
-    background = nodes.get("Background")
-    way, parts, share, ramp = (nodes.new(f"ShaderNode{kind}") for kind in ("TexCoord", "SeparateXYZ", "MapRange", "ValToRGB"))
-    stops = ramp.color_ramp.elements
+def _sky(light: Light, made: bpy.types.World | None) -> bpy.types.World:
+    """What is around the scene, by elevation, in a world that was made so before or in a new one."""
+    world = made or _new_sky()
+    stops = next(node for node in world.node_tree.nodes if node.type == "VALTORGB").color_ramp.elements
     while len(stops) < len(light.heights):
         stops.new(1.0)
     while len(stops) > max(len(light.heights), 1):
         stops.remove(stops[-1])
     for element, height, colour in zip(stops, light.heights, light.around, strict=True):
         element.position, element.color = 0.5 * (height + 1.0), (*colour, 1.0)
+    world[MADE] = _numbers(world)
+    return world
+
+
+def _new_sky() -> bpy.types.World:
+    """Its nodes: colors by elevation."""
+    world = bpy.data.worlds.new(SKY)
+    world.use_nodes = True
+    nodes, link = world.node_tree.nodes, world.node_tree.links.new
+    background = nodes.get("Background")
+    way, parts, share, ramp = (nodes.new(f"ShaderNode{kind}") for kind in ("TexCoord", "SeparateXYZ", "MapRange", "ValToRGB"))
     link(way.outputs["Generated"], parts.inputs[0])
     share.inputs["From Min"].default_value = -1.0
     link(parts.outputs["Z"], share.inputs["Value"])
@@ -230,7 +234,6 @@ def _sky(light: Light) -> bpy.types.World:
     world.cycles.sampling_method, world.cycles.sample_map_resolution = "MANUAL", SKY_MAP
     for column, node in enumerate((way, parts, share, ramp)):
         node.location = (220 * (column - 5), 300)
-    world[MADE] = _numbers(world)
     return world
 
 

@@ -349,8 +349,8 @@ def test_engine_and_colors_change_only_where_the_panel_says_so(scene, capfd):
     assert "Warning: The view transform AgX changes the clip's colors, too: tick Change View to Standard" in said
     assert bpy.ops.seeing_wind.set_up_composite(use_cycles=True, use_standard=True) == {"FINISHED"}
     assert (scene.render.engine, scene.view_settings.view_transform) == ("CYCLES", "Standard")
-    told = "Changed: render engine from EEVEE to Cycles, view transform from AgX to Standard."
-    assert told in scene.seeing_wind.composite_said and not changes(scene, True, True)
+    told = ". Changed: render engine from EEVEE to Cycles, view transform from AgX to Standard"
+    assert scene.seeing_wind.composite_said.endswith(told) and not changes(scene, True, True)
 
 
 def test_stereoscopy_is_refused(scene, tmp_path):
