@@ -62,7 +62,7 @@ def pinned_vertices(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph, group
     vertex_group = obj.vertex_groups.get(group)
     if vertex_group is None:
         raise UsageError(
-            f"{name_of(obj)} has no vertex group {group!r}.",
+            f"{name_of(obj)} has no vertex group {group!r}." if group else f"{name_of(obj)} has no vertex group that is active.",
             "Make one in Properties > Data > Vertex Groups and assign the vertices to hold.",
         )
     index, evaluated = vertex_group.index, obj.evaluated_get(depsgraph)

@@ -47,9 +47,9 @@ def said_of_render(scene: bpy.types.Scene) -> list[str]:
     """What the scene's own engine and colors take away from a composite."""
     said, engine, view = [], scene.render.engine, scene.view_settings.view_transform
     if engine != "CYCLES":
-        said.append(f"{_engine(engine)} catches no shadows: tick Change Engine to Cycles.")
+        said.append(f"{_engine(engine)} catches no shadows: tick Use Cycles.")
     if view != "Standard":
-        said.append(f"The view transform {view} changes the clip's colors, too: tick Change View to Standard.")
+        said.append(f"The view transform {view} changes the clip's colors, too: tick Standard View.")
     return said
 
 

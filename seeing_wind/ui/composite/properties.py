@@ -45,11 +45,11 @@ class Look:
     )  # fmt: skip
     show_field: BoolProperty(name="Show Arrows", options=KEPT, description="Render the field's arrows too")
     use_cycles: BoolProperty(
-        name="Change Engine to Cycles", default=True, options=KEPT,
+        name="Use Cycles", default=True, options=KEPT,
         description="Render with Cycles, which alone catches shadows; otherwise the scene keeps its own engine",
     )  # fmt: skip
     use_standard: BoolProperty(
-        name="Change View to Standard", default=True, options=KEPT,
+        name="Standard View", default=True, options=KEPT,
         description="The view transform Standard leaves the clip's colors as they were filmed; otherwise the scene keeps its own",
     )  # fmt: skip
 

@@ -20,11 +20,12 @@ CREASES, DEEP = 7.0, 0.35
 
 
 def dress(obj: bpy.types.Object, preset: str) -> bool:
-    """Give a mesh without any material that of a cloth of the library. Returns whether it got one."""
+    """Give a mesh without any material that of a cloth of the library, and smooth shading. Returns whether it got one."""
     sheet = SHEETS.get(preset)
     if sheet is None or not sheet.woven or obj.data.library is not None or any(obj.material_slots):
         return False
     obj.data.materials.append(cloth_material(preset))
+    obj.data.shade_smooth()
     return True
 
 

@@ -39,7 +39,7 @@ SURE = "seeing_wind_sure"
 """Custom property of the arrows: for each frame the greatest confidence of any, in 0..1."""
 
 ARROWS = "seeing_wind_arrows"
-"""Custom property of a field object that was taken from the library: its arrows, which were made then."""
+"""Custom property of a field object that was taken from the library: its arrows, which were made then; of these: True."""
 
 LOOP = "seeing_wind_loop"
 """Custom property of a field object: whether its first frame follows its last; the user's."""
@@ -162,6 +162,11 @@ def lacks_arrows(obj: Any) -> bool:
         return False
     arrows = obj.get(ARROWS)
     return ARROWS not in obj or (arrows is not None and arrows.parent != obj)
+
+
+def has_lost_field(obj: Any, scene: Any) -> bool:
+    """Whether an object is the arrows of a wind out of the library that has been deleted since."""
+    return obj.get(ARROWS) is True and obj.library is None and (obj.parent is None or scene not in obj.parent.users_scene)
 
 
 def is_field(obj: Any) -> bool:

@@ -345,8 +345,8 @@ def test_engine_and_colors_change_only_where_the_panel_says_so(scene, capfd):
     assert bpy.ops.seeing_wind.set_up_composite() == {"FINISHED"}
     said = capfd.readouterr().out
     assert (scene.render.engine, scene.view_settings.view_transform) == (eevee, "AgX") and "Changed" not in scene.seeing_wind.composite_said
-    assert "Warning: EEVEE catches no shadows: tick Change Engine to Cycles" in said
-    assert "Warning: The view transform AgX changes the clip's colors, too: tick Change View to Standard" in said
+    assert "Warning: EEVEE catches no shadows: tick Use Cycles" in said
+    assert "Warning: The view transform AgX changes the clip's colors, too: tick Standard View" in said
     assert bpy.ops.seeing_wind.set_up_composite(use_cycles=True, use_standard=True) == {"FINISHED"}
     assert (scene.render.engine, scene.view_settings.view_transform) == ("CYCLES", "Standard")
     told = ". Changed: render engine from EEVEE to Cycles, view transform from AgX to Standard"

@@ -135,5 +135,5 @@ def test_a_material_of_the_users_stays(scene, capfd) -> None:
     cube("Box")
     bpy.ops.seeing_wind.insert_mesh(object="Box", material="cotton")
     assert not len(bpy.data.objects["Box"].data.materials)
-    insert_grid("Other", "cotton")
+    assert all(face.use_smooth for face in insert_grid("Other", "cotton").data.polygons)
     assert "Other had no material and looks like thin cloth now" in capfd.readouterr().out

@@ -39,7 +39,7 @@ def takes(tmp_path_factory) -> Path:
         wind[..., 0] = SPEEDS[:, None]
         np.savez(
             take.parent / "on_the_shelf.npz", nodes=NODES, density=30.0, off=np.array([1.0, 2.0]), wind_velocity=wind,
-            force_density=20.0 * wind, wind_confidence=np.ones(wind.shape[:2]),
+            force_density=20.0 * wind, wind_confidence=np.zeros(wind.shape[:2]),  # as away from the plate's path
         )  # fmt: skip
     return folder
 
@@ -177,6 +177,12 @@ def test_a_wind_that_was_dragged_or_appended_gets_its_arrows_once(library, monke
     bpy.context.view_layer.update()
     registered[-1]()
     assert arrows_of(field, scene) is None, "deleted by the user, they stay away"
+    left = arrows_of(copy, scene).name
+    with bpy.context.temp_override(selected_objects=[copy]):
+        bpy.ops.object.delete()
+    bpy.context.view_layer.update()
+    registered[-1]()
+    assert left not in bpy.data.objects and left not in bpy.data.meshes, "those of a deleted wind go with it"
 
 
 def test_a_wind_goes_by_at_its_own_speed_and_what_it_carries_is_whole(library) -> None:

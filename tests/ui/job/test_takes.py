@@ -119,8 +119,17 @@ def test_another_projects_take_comes_with_its_own_clip(project, workplace, tmp_p
     shutil.copy(workplace / "clip.mp4", other)
     recover(other / "clip.mp4", take=str(other / "x.take"))
     recover("//clip.mp4", take="//own.take")
+    with (project / "clip.mp4").open("ab") as file:  # another film of that name
+        file.write(b"more")
     assert bpy.ops.seeing_wind.build_scene(take=str(other / "x.take")) == {"FINISHED"}
     assert Path(absolute(bpy.context.scene.active_clip.filepath)) == other / "clip.mp4"
+    # the very film, chosen here before the take is loaded
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    bpy.ops.wm.save_as_mainfile(filepath=str(project / "new.blend"))
+    shutil.copy(other / "clip.mp4", project)
+    assert bpy.ops.seeing_wind.choose_clip(filepath="//clip.mp4") == {"FINISHED"}
+    assert bpy.ops.seeing_wind.build_scene(take=str(other / "x.take")) == {"FINISHED"}
+    assert Path(absolute(bpy.context.scene.active_clip.filepath)) == project / "clip.mp4" and len(bpy.data.movieclips) == 1
 
 
 def test_a_file_saved_for_the_first_time_takes_its_results_along(workplace, temporary, tmp_path) -> None:

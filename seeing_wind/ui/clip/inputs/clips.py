@@ -92,13 +92,18 @@ def clip_of_take(settings: bpy.types.PropertyGroup, named: str, folder: Path) ->
     """
     written = [absolute(settings.clip)] if settings.clip else []
     beside = [os.path.join(os.path.dirname(bpy.data.filepath), os.path.basename(named))] if bpy.data.filepath else []
-    own: list[str] = []
+    # a copy of the very clip is the scene's own, too
+    own = [each for each in written if _is_same(each, named) and os.path.isfile(opened_by(named)) and _content(each) == _content(named)]
     if settings.recovered_take and takes.shown(settings) == folder:
         own = written if settings.clip.startswith("//") else []
         former = Path(settings.recovered_take)
         if former != folder and former.drive == Path(named).drive:  # the clip stands to the take as it did before
             own = [*own, os.path.normpath(folder.parent / os.path.relpath(named, former.parent))]
     return next((each for each in (*own, named, *written, *beside) if _is_same(each, named)), named)
+
+
+def _content(path: str) -> str:
+    return content_of(opened_by(path))
 
 
 def _is_same(candidate: str, named: str) -> bool:
