@@ -278,5 +278,3 @@ def _background(camera: bpy.types.Camera, clip: bpy.types.MovieClip) -> None:
         background = camera.background_images.new()
         background.source, background.clip, background.alpha = "MOVIE_CLIP", clip, 1.0
         background.display_depth, background.frame_method = "BACK", "STRETCH"
-
-

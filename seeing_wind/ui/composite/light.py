@@ -159,7 +159,7 @@ def set_light(scene: bpy.types.Scene, surroundings: np.ndarray | None, seen: tup
     light = light_of(surroundings, bands_of(scene, min(BANDS, len(surroundings))), HAZY if seen is None else seen[1])
     former = scene.world
     if former is None or _is_factory_world(former) or _is_as_made(former):
-        scene.world = _sky(light, former if former is not None and MADE in former else None)
+        scene.world = _sky(light, former if former is not None and MADE in former and former.users == 1 else None)
     sun = next((obj for obj in scene.objects if obj.type == "LIGHT" and is_called(obj, SUN)), None)
     if sun is None:
         sun = bpy.data.objects.new(SUN, bpy.data.lights.new(SUN, "SUN"))

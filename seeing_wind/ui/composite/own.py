@@ -56,4 +56,3 @@ def said_of_render(scene: bpy.types.Scene) -> list[str]:
 def _engine(name: str) -> str:
     """What Blender calls an engine."""
     return {"CYCLES": "Cycles", "BLENDER_WORKBENCH": "Workbench"}.get(name, name.removeprefix("BLENDER_").removesuffix("_NEXT"))
-
