@@ -129,6 +129,7 @@ def test_another_projects_take_comes_with_its_own_clip(project, workplace, tmp_p
     shutil.copy(other / "clip.mp4", project)
     assert bpy.ops.seeing_wind.choose_clip(filepath="//clip.mp4") == {"FINISHED"}
     assert bpy.ops.seeing_wind.build_scene(take=str(other / "x.take")) == {"FINISHED"}
+    assert bpy.ops.seeing_wind.build_scene() == {"FINISHED"}
     assert Path(absolute(bpy.context.scene.active_clip.filepath)) == project / "clip.mp4" and len(bpy.data.movieclips) == 1
 
 

@@ -92,10 +92,10 @@ def clip_of_take(settings: bpy.types.PropertyGroup, named: str, folder: Path) ->
     """
     written = [absolute(settings.clip)] if settings.clip else []
     beside = [os.path.join(os.path.dirname(bpy.data.filepath), os.path.basename(named))] if bpy.data.filepath else []
-    # a copy of the very clip is the scene's own, too
+    # a copy of the very clip is the scene's own
     own = [each for each in written if _is_same(each, named) and os.path.isfile(opened_by(named)) and _content(each) == _content(named)]
     if settings.recovered_take and takes.shown(settings) == folder:
-        own = written if settings.clip.startswith("//") else []
+        own += written if settings.clip.startswith("//") else []
         former = Path(settings.recovered_take)
         if former != folder and former.drive == Path(named).drive:  # the clip stands to the take as it did before
             own = [*own, os.path.normpath(folder.parent / os.path.relpath(named, former.parent))]
