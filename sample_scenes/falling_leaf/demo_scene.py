@@ -34,19 +34,25 @@ POSTS = np.array([[-1.55, 4.5, 1.78], [2.75, 5.2, 1.74]])
 """Where a second line is tied to two posts in the meadow [m, world]: in the frame, feet and shadows, too, since what stands nowhere is
 seen to be put in."""
 SHEETS = (
-    ("Sheet", -0.78, (1.05, 0.92), (0.80, 0.84, 0.90), (0.52, 0.62, 0.78)),
-    ("Pillowcase", 2.0, (0.5, 0.74), (0.90, 0.86, 0.76), (0.74, 0.56, 0.38)),
+    ("Sheet", -0.62, (1.60, 1.28), 6, (0.93, 0.93, 0.91), (0.42, 0.55, 0.76)),
+    ("Pillowcase", 2.0, (0.5, 0.74), 3, (0.92, 0.87, 0.76), (0.74, 0.50, 0.30)),
 )
-"""What hangs there: how far to the right [m, world], width and height [m], and its colours;"""
-BED_LINEN, COARSE, SOFT = 2.0, 0.045, 0.002
-"""its mass factor, and the edges of its faces and pixels [m], as it is out of focus."""
+"""What hangs there: how far to the right [m, world], width and height [m], pegs, and its colours;"""
+BED_LINEN, COARSE, SOFT = 2.0, 0.036, 0.002
+"""its mass factor, and the edges of its faces and pixels [m], as it is out of focus;"""
+FULL_FOLDS = (0.34, 0.16)
+"""length and slack of its folds, deep enough to be seen from there."""
+ROPE, WHITE = 0.008, (0.62, 0.62, 0.58)
+"""Thickness [m] and colour of that line, one of plastic, and"""
+STORM_PEG, PLASTIC = (0.018, 0.088, 0.020), ((0.60, 0.05, 0.04), (0.70, 0.42, 0.03), (0.05, 0.16, 0.55))
+"""size [m] and colours of its pegs: what is thin and grey is lost in the blur at that distance."""
 SETTLE = 30
 """Frames for which they hang before the clip begins."""
 DENSITY = 400.0
 """Of the leaves that fly, as dense as the filmed one [kg/m³], so that the same wind carries them."""
 LEAF, FIRST, SECOND = 0.40, (0.27, 0.02, -0.05), (-0.38, -0.05, 0.10)
 """Size of the two leaves that are simulated over that of the filmed one, and where they begin [m]."""
-SAMPLES, NOISE = 48, 0.1
+SAMPLES, NOISE = 96, 0.03
 """Of Cycles, per pixel, and the noise at which a pixel has enough: no denoiser smooths the rims of what is out of focus."""
 LEAVES, SMALL = 44, (0.12, 0.26)
 """Native particles, and their size over that of the filmed leaf."""
@@ -134,11 +140,12 @@ def insert_washing(scene) -> None:
 
 def set_yard() -> None:
     """A second line between posts in the meadow, with bed linen on it."""
-    hang_line(*POSTS)
+    hang_line(*POSTS, ROPE, WHITE)
     for number, top in enumerate(POSTS):
         set_post(f"Post {number}", top)
-    for name, x, size, ground, stripe in SHEETS:
-        hang_cloth(name, *place_on(*POSTS, x), size, 3, woven(size, ground, stripe, 5, checked=False, fine=SOFT), COARSE)
+    for name, x, size, pegs, ground, stripe in SHEETS:
+        texture = woven(size, ground, stripe, 5, checked=False, fine=SOFT)
+        hang_cloth(name, *place_on(*POSTS, x), size, pegs, texture, COARSE, FULL_FOLDS, STORM_PEG, PLASTIC)
         done(bpy.ops.seeing_wind.insert_mesh(object=name, material="cotton", pin_group="Held"))
         done(bpy.ops.seeing_wind.scale_mass(object=name, factor=BED_LINEN))
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import bpy
 import numpy as np
 
@@ -17,6 +19,10 @@ POST = 0.045
 """Radius of a post [m]."""
 WAVE, SLACK = 0.15, 0.05
 """Length of the folds in which it is hung [m], and by how much more cloth there is than line between its pegs."""
+WOOD = ((0.42, 0.27, 0.14),)
+"""Colours of the pegs, linear."""
+THROUGH = 0.42
+"""Of the light that a cloth does not take, so much comes out on its other side: thin cotton in the sun glows from behind."""
 HEM, SEAM = 0.011, 0.0015
 """Width of the turned edge and of its seam [m]."""
 FINE = 0.0007
@@ -25,18 +31,20 @@ SEED = 11
 """Of its folds."""
 
 
-def hang_line(left: np.ndarray, right: np.ndarray) -> bpy.types.Object:
-    """A cord from one place (3,) to another [m], which sags."""
+def hang_line(
+    left: np.ndarray, right: np.ndarray, thick: float = CORD, colour: tuple[float, float, float] = (0.30, 0.27, 0.23)
+) -> bpy.types.Object:
+    """A cord so thick from one place (3,) to another [m], which sags."""
     along = np.linspace(0.0, 1.0, 33)[:, None]
     places = left + along * (right - left) - SAG * 4.0 * along * (1.0 - along) * [0.0, 0.0, 1.0]
     curve = bpy.data.curves.new("Line", "CURVE")
-    curve.dimensions, curve.bevel_depth, curve.bevel_resolution = "3D", 0.5 * CORD, 3
+    curve.dimensions, curve.bevel_depth, curve.bevel_resolution = "3D", 0.5 * thick, 3
     spline = curve.splines.new("POLY")
     spline.points.add(len(places) - 1)
     spline.points.foreach_set("co", np.concatenate([places, np.ones_like(along)], axis=1).astype(np.float32).ravel())
     line = bpy.data.objects.new("Line", curve)
     bpy.context.scene.collection.objects.link(line)
-    curve.materials.append(plain("Cord", (0.30, 0.27, 0.23)))
+    curve.materials.append(plain("Cord", colour))
     return line
 
 
@@ -68,8 +76,10 @@ def set_post(name: str, top: np.ndarray) -> bpy.types.Object:
 
 
 def hang_cloth(
-    name: str, at: np.ndarray, along: np.ndarray, size: tuple[float, float], pegs: int, texture: np.ndarray, cell: float = CELL
-) -> bpy.types.Object:
+    name: str, at: np.ndarray, along: np.ndarray, size: tuple[float, float], pegs: int, texture: np.ndarray, cell: float = CELL,
+    folds: tuple[float, float] = (WAVE, SLACK), peg_size: tuple[float, float, float] = PEG,
+    peg_colours: Sequence[tuple[float, float, float]] = WOOD,
+) -> bpy.types.Object:  # fmt: skip
     """A cloth that hangs in folds from so many pegs, its upper edge along a line through `at`, see `place_on`; what the pegs bite is the
     vertex group "Held".
 
@@ -77,18 +87,21 @@ def hang_cloth(
         size: width and height [m].
         texture: as of `woven`.
         cell: edge of a face [m].
+        folds: their length [m] and slack, as `WAVE` and `SLACK`.
+        peg_size, peg_colours: as `PEG` and `WOOD`; one after the other.
     """
     rng = np.random.default_rng(SEED)
+    wave, slack = folds
     count = [round(side / cell) + 1 for side in size]
     s, down = np.meshgrid(np.linspace(-0.5, 0.5, count[0]) * size[0], np.linspace(0.0, size[1], count[1]))
     # as long as it is along the folds, and pegs that far apart
-    slope = 2.0 * np.sqrt(1.0 / (1.0 - SLACK) - 1.0)
-    turn = 2.0 * np.pi / WAVE
+    slope = 2.0 * np.sqrt(1.0 / (1.0 - slack) - 1.0)
+    turn = 2.0 * np.pi / wave
     # folds run a little askew, and change on their way down
     askew = 0.12 * down * rng.uniform(0.5, 1.0) + 0.01 * np.sin(9.0 * down + rng.uniform(0.0, 6.0))
     fold = slope / turn * np.sin(turn * (s + askew) + rng.uniform(0.0, 6.0))
     axes = np.array([along, [-along[1], along[0], 0.0], [0.0, 0.0, 1.0]])
-    vertices = np.stack([(1.0 - SLACK) * s, fold, -down], -1) @ axes + at
+    vertices = np.stack([(1.0 - slack) * s, fold, -down], -1) @ axes + at
     bites = np.linspace(INSET - 0.5 * size[0], 0.5 * size[0] - INSET, pegs)
     near = np.abs(s[..., None] - bites) < max(BITE, 0.51 * cell)
     near &= (down < 1.5 * cell)[..., None]
@@ -96,8 +109,9 @@ def hang_cloth(
     cloth = mesh_of_rows(name, vertices, u, v)
     cloth.data.materials.append(cotton(name, texture))
     cloth.vertex_groups.new(name="Held").add(np.flatnonzero(near.any(axis=-1)).tolist(), 1.0, "REPLACE")
-    for held in np.moveaxis(near, -1, 0):
-        peg(f"{name} Peg", vertices[held].mean(axis=0), axes, rng.uniform(-0.08, 0.08))
+    for number, held in enumerate(np.moveaxis(near, -1, 0)):
+        colour = peg_colours[number % len(peg_colours)]
+        peg(f"{name} Peg", vertices[held].mean(axis=0), axes, rng.uniform(-0.08, 0.08), peg_size, colour)
     return cloth
 
 
@@ -119,9 +133,12 @@ def new_mesh(name: str, vertices: np.ndarray, faces: np.ndarray, uv: np.ndarray)
     return obj
 
 
-def peg(name: str, at: np.ndarray, axes: np.ndarray, tilt: float) -> None:
-    """A clothes peg of two pieces of wood that clasps the line at `at` (3,) [m]; axes (3, 3): rows along the line, across it, and up."""
-    width, height, depth = PEG
+def peg(
+    name: str, at: np.ndarray, axes: np.ndarray, tilt: float, size: tuple[float, float, float], colour: tuple[float, float, float]
+) -> None:
+    """A clothes peg of two pieces that clasps the line at `at` (3,) [m]; axes (3, 3): rows along the line, across it, and up."""
+    width, height, depth = size
+    material = f"Peg {colour}"
     # a piece from the side: thick at the spring, thin at both ends; it sits with its upper third above the line
     z = np.array([0.35, 0.30, 0.05, -0.15, -0.58, -0.65]) * height
     y = np.array([0.16, 0.30, 0.42, 0.50, 0.42, 0.30]) * depth
@@ -136,7 +153,7 @@ def peg(name: str, at: np.ndarray, axes: np.ndarray, tilt: float) -> None:
         mesh.from_pydata((corners @ axes + at).tolist(), [], [*sides, tuple(range(n))[::-1], tuple(range(n, 2 * n))])
         obj = bpy.data.objects.new(name, mesh)
         bpy.context.scene.collection.objects.link(obj)
-        mesh.materials.append(bpy.data.materials.get("Wood") or plain("Wood", (0.42, 0.27, 0.14)))
+        mesh.materials.append(bpy.data.materials.get(material) or plain(material, colour))
 
 
 def woven(
@@ -196,11 +213,12 @@ def cotton(name: str, texture: np.ndarray) -> bpy.types.Material:
     material, add = blank(name)
     seen = add("TexImage", {}, image=image)
     creases = add("TexNoise", {"Vector": add("TexCoord", {}).outputs["UV"], "Scale": 7.0, "Detail": 5.0, "Roughness": 0.55})
-    bump = add("Bump", {"Height": creases.outputs[0], "Strength": 0.35, "Distance": 0.006}).outputs[0]
+    threads = add("Bump", {"Height": seen.outputs[1], "Strength": 0.3, "Distance": 0.0006}).outputs[0]
+    bump = add("Bump", {"Height": creases.outputs[0], "Strength": 0.5, "Distance": 0.008, "Normal": threads}).outputs[0]
     front = add("BsdfPrincipled", {"Base Color": seen.outputs[0], "Roughness": 0.9, "Specular IOR Level": 0.15, "Sheen Weight": 0.25,
                                    "Normal": bump})  # fmt: skip
     behind = add("BsdfTranslucent", {0: seen.outputs[0], "Normal": bump})
-    share = add("Math", {0: seen.outputs[1], 1: 0.28}, operation="MULTIPLY").outputs[0]
+    share = add("Math", {0: seen.outputs[1], 1: THROUGH}, operation="MULTIPLY").outputs[0]
     both = add("MixShader", {0: share, 1: front.outputs[0], 2: behind.outputs[0]})
     material.node_tree.links.new(both.outputs[0], material.node_tree.nodes["Material Output"].inputs["Surface"])
     return material

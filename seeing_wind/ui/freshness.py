@@ -16,6 +16,7 @@ from .clip.options import clip_options
 from .edit.resimulate.geometry import forget_geometry
 from .edit.resimulate.preview import digest_of_preview, goes_before, shown_as_preview
 from .edit.resimulate.request import EditRequest
+from .edit.sheet_label import measure
 from .job import status
 from .job.takes import INPUTS, take_folder
 from .recover.request import RecoverRequest, scene_values
@@ -26,6 +27,7 @@ T = TypeVar("T")
 def refresh(scene: bpy.types.Scene) -> None:
     """Bring the status of `scene` up to date with its settings."""
     settings, now = scene.seeing_wind, status.of(scene.session_uid)
+    measure(scene)
     values, take = scene_values(settings), take_folder(settings)
     clip = _attempt(now, "clip", lambda: clip_options(settings, values), bool(settings.clip))
     begun = any(settings.box) or settings.object_mode != "BOX"

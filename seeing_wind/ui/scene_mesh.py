@@ -10,8 +10,16 @@ from ..engine.errors import UsageError
 FIRM = 0.999
 """A vertex of this weight or more is held firmly; of less, drawn back like a spring."""
 
+COPY_OF = "seeing_wind_copy_of"
+"""Custom property of a passing copy: the name of the object that it stands for."""
+
 THINNEST = 1e-6
 """Smallest scale of an object relative to its largest: under it no keyframes in its own space could move it in the world."""
+
+
+def name_of(obj: bpy.types.Object) -> str:
+    """The name by which the user knows an object, also where a passing copy stands for it."""
+    return str(obj.get(COPY_OF, obj.name))
 
 
 def mesh_arrays(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> tuple[np.ndarray, np.ndarray]:
@@ -24,7 +32,7 @@ def mesh_arrays(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> tuple[
     try:
         mesh = evaluated.to_mesh()
     except RuntimeError as error:
-        raise UsageError(f"{obj.name} has no geometry.", "Choose a mesh object.") from error
+        raise UsageError(f"{name_of(obj)} has no geometry.", "Choose a mesh object.") from error
     try:
         mesh.calc_loop_triangles()
         local = np.empty((len(mesh.vertices), 3), dtype=np.float32)
@@ -34,11 +42,11 @@ def mesh_arrays(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> tuple[
     finally:
         evaluated.to_mesh_clear()
     if len(triangles) == 0:
-        raise UsageError(f"{obj.name} has no faces.", "Choose a mesh with a surface.")
+        raise UsageError(f"{name_of(obj)} has no faces.", "Choose a mesh with a surface.")
     matrix = np.array(evaluated.matrix_world)
     stretch = np.linalg.svd(matrix[:3, :3], compute_uv=False)
     if not stretch[-1] > THINNEST * stretch[0]:
-        raise UsageError(f"{obj.name} has a scale of 0.", "Give it another scale, or apply it (Object > Apply > Scale).")
+        raise UsageError(f"{name_of(obj)} has a scale of 0.", "Give it another scale, or apply it (Object > Apply > Scale).")
     if np.linalg.det(matrix[:3, :3]) < 0.0:
         # a mirrored object would turn its surface inside out
         triangles = triangles[:, ::-1]
@@ -54,7 +62,8 @@ def pinned_vertices(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph, group
     vertex_group = obj.vertex_groups.get(group)
     if vertex_group is None:
         raise UsageError(
-            f"{obj.name} has no vertex group {group!r}.", "Make one in Properties > Data > Vertex Groups and assign the vertices to hold."
+            f"{name_of(obj)} has no vertex group {group!r}." if group else f"{name_of(obj)} has no vertex group that is active.",
+            "Make one in Properties > Data > Vertex Groups and assign the vertices to hold.",
         )
     index, evaluated = vertex_group.index, obj.evaluated_get(depsgraph)
     mesh = evaluated.to_mesh()
@@ -63,5 +72,5 @@ def pinned_vertices(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph, group
     finally:
         evaluated.to_mesh_clear()
     if not found:
-        raise UsageError(f"No vertex of {obj.name} has a weight in {group!r}.", "Assign the vertices to hold to that group.")
+        raise UsageError(f"No vertex of {name_of(obj)} has a weight in {group!r}.", "Assign the vertices to hold to that group.")
     return np.array([vertex for vertex, _ in found], dtype=np.int64), np.array([weight for _, weight in found], dtype=np.float64)

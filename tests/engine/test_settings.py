@@ -57,3 +57,9 @@ def test_an_edit_refuses_them_too(wrong: dict) -> None:
 def test_whole_numbers_and_lists_stand_for_floats() -> None:
     edit = from_mapping(Edit, {"body": (BodyEdit("a", "a.obj"),), "gravity": [0, 0, -10], "field_strength": [1, 0.5]}, "edit.toml")
     assert edit.gravity == (0, 0, -10) and edit.field_strength == (1, 0.5)
+
+
+def test_of_a_long_list_the_beginning_is_shown() -> None:
+    with pytest.raises(UsageError) as caught:
+        from_mapping(Edit, {"body": (), "field_strength": [float("nan")] * 45}, "edit.toml")
+    assert caught.value.message.endswith("nan, ... (45 values).") and len(caught.value.message) < 120

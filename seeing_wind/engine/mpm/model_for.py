@@ -113,16 +113,27 @@ def _columns(
         body, stuff, scale = part
         youngs_modulus, needed = carried_modulus(part, dx, frame_dt, max_substeps)
         if youngs_modulus < stuff.youngs_modulus:
-            notes.append(
-                f"{stuff.name}: Young's modulus {stuff.youngs_modulus:.3g} Pa would need {wave_substeps(part, dx, frame_dt)} substeps a "
-                f"frame; simulated with {youngs_modulus:.3g} Pa, which {max_substeps} can carry."
-            )
-            if np.any(body.pinned):
-                share = youngs_modulus / stuff.youngs_modulus
-                notes.append(f"{stuff.name}: it is held, so the forces that bend it are in proportion, about {share:.2g} of the real ones.")
+            notes.append(_softer(part, youngs_modulus, wave_substeps(part, dx, frame_dt), max_substeps))
         most = max(most, needed)
         columns.append(_body_columns(body, stuff, scale, youngs_modulus))
     return tuple(np.concatenate(column) for column in zip(*columns)), most
+
+
+def _softer(part: Part, youngs_modulus: float, needed: int, allowed: int) -> str:
+    """That a body is simulated with a lower Young's modulus [Pa] than its own, for which it would need more substeps than allowed."""
+    body, stuff, _ = part
+    softer = stuff.youngs_modulus / youngs_modulus
+    note = (
+        f"{stuff.name}: too stiff for the solver, so it is simulated {softer:.2g} times softer, with a Young's modulus of "
+        f"{youngs_modulus:.3g} Pa in place of {stuff.youngs_modulus:.3g} Pa (which would need {needed} substeps a frame; {allowed} are "
+        "allowed). "
+    )
+    if not np.any(body.pinned):
+        return note + "Nothing holds it, so it moves nearly as the real one does: nothing need be done, unless it is seen to bend."
+    return note + (
+        f"It is held, so the forces that bend it are in proportion: about {1.0 / softer:.2g} of the real ones if they are recovered, while "
+        f"in an edit it bends {softer:.2g} times as far. Fewer particles allow more stiffness; what need not bend can be a collider."
+    )
 
 
 def _with_damping(model: Model, bodies: Sequence[Particles], materials: Sequence[Material], notes: list[str]) -> Model:
@@ -134,9 +145,11 @@ def _with_damping(model: Model, bodies: Sequence[Particles], materials: Sequence
     carried = longest_retardation(model)
     for body, stuff in zip(bodies, materials):
         if stuff.retardation > carried and np.any(body.pinned):
+            less = stuff.retardation / carried
             notes.append(
-                f"{stuff.name}: its loss factor of {stuff.loss_factor:.2g} would need {needed} substeps a frame; simulated with "
-                f"{stuff.loss_factor * carried / stuff.retardation:.2g}, which {model.substeps} can carry."
+                f"{stuff.name}: its loss factor of {stuff.loss_factor:.2g} is more than the solver can damp, so it swings on for longer, "
+                f"with {stuff.loss_factor / less:.2g} (all of it would need {needed} substeps a frame; there are {model.substeps}). Fewer "
+                "particles allow more damping."
             )
     return with_retardation(model, np.concatenate([np.full(len(body.x), stuff.retardation) for body, stuff in zip(bodies, materials)]))
 
@@ -180,7 +193,8 @@ def _checked_speed(speed: float, x: np.ndarray, path: np.ndarray | None, dx: flo
     needed = math.ceil(speed * frame_dt / dx)
     if needed > max_substeps:
         raise SimulationError(
-            f"{who} at {speed:.3g} m/s crosses {needed} cells of {dx:.2g} m in a frame, more than {max_substeps} substeps.",
+            f"{who} at {speed:.3g} m/s is too fast: in a frame it goes through {needed} cells of the solver's grid, {dx:.2g} m each, and "
+            f"{max_substeps} are allowed (one for each substep).",
             "If it is not that small or not that fast, correct the distance or scale, or the frame rate; otherwise use fewer particles.",
             quantity="velocity",
         )

@@ -11,6 +11,9 @@ from .option import KINDS, options_of
 
 T = TypeVar("T")
 
+LONGEST = 60
+"""Characters of a value that are shown."""
+
 
 def from_mapping(cls: type[T], values: dict[str, Any], where: str) -> T:
     """Build the dataclass `cls` from a plain mapping (TOML, JSON, argparse), lists turned into tuples.
@@ -32,7 +35,7 @@ def from_mapping(cls: type[T], values: dict[str, Any], where: str) -> T:
     hints, options = get_type_hints(cls), options_of(cls)
     for name, value in values.items():
         if not _fits(value, hints[name]):
-            raise UsageError(f"{where}: {name} is {value!r}.", f"It must be {_kind(hints[name])}.")
+            raise UsageError(f"{where}: {name} is {_shown(value)}.", f"It must be {_kind(hints[name])}.")
         if name in options and value is not None:
             for each in value if isinstance(value, (list, tuple)) else [value]:
                 options[name].check(each, f"{where}: {name}")
@@ -55,6 +58,14 @@ def _fits(value: Any, hint: Any) -> bool:
     if hint is float:
         return isinstance(value, (int, float)) and math.isfinite(value)
     return isinstance(value, hint)
+
+
+def _shown(value: Any) -> str:
+    """A value for a message; of a long list its beginning and how long it is."""
+    text = repr(value)
+    if len(text) <= LONGEST or not isinstance(value, (list, tuple)):
+        return text
+    return f"{text[:LONGEST].rpartition(',')[0]}, ... ({len(value)} values)"
 
 
 def _kind(hint: Any) -> str:

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 import bpy
 
+from ..scene_mesh import COPY_OF
 from .motion import awake_on_top, clear_bake
 from .plan import mark_of
 
@@ -46,7 +47,7 @@ def as_shown(obj: bpy.types.Object, scene: bpy.types.Scene) -> Iterator[bpy.type
 @contextlib.contextmanager
 def _passing_copy(obj: bpy.types.Object, scene: bpy.types.Scene) -> Iterator[bpy.types.Object]:
     copy = own_copy(obj)
-    copy.hide_viewport = False
+    copy.hide_viewport, copy[COPY_OF] = False, obj.name
     scene.collection.objects.link(copy)
     try:
         yield copy

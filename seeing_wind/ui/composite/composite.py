@@ -19,8 +19,7 @@ from ...engine.take import Take
 from ..clip.clip_scene import frame_image
 from ..clip.inputs.clips import check_film, refuse_footage
 from ..clip.inputs.pace import pace_of_scene
-from ..clip.match import is_factory
-from ..field.display import LEGEND_MARK
+from ..field.display import LEGEND_MARK, SURE
 from ..job import takes
 from ..job.take_reading import field_summary, read_seen
 from ..job.worker import said_by
@@ -28,11 +27,10 @@ from ..scene_units import metres_per_unit
 from . import nodes
 from .catchers import set_catchers
 from .film import drop_lenses, grain_of, lens_of, set_focus, softness_of
-from .hdri import set_hdri, unset_hdri
-from .light import SUN, set_light, sun_of
+from .light import light_scene
 from .mattes import IMAGE, Mattes, mattes_of, set_card
 from .overscan import set_overscan
-from .own import drop_unused, is_called
+from .own import drop_unused, said_of_render, set_render
 
 PLATE = "Seeing Wind Clean Plate"
 ASTRAY = 0.01
@@ -62,7 +60,7 @@ class Composite:
     softness: float
     """Of the render, as the clip's: standard deviation of the blur [pixels of the render]; 0: Blender's own filter."""
     light: str
-    """What was done for want of a light; "" where the scene has its own."""
+    """What lights it for want of a light of the user's; "" where the scene has its own."""
     shutter: float
     """Of the motion blur [frames]; 0: none."""
     fstop: float
@@ -71,11 +69,15 @@ class Composite:
     """That the camera stands elsewhere than the clip's did, and what to do; "" where it does not."""
     missing: str
     """That the take's folder is gone, and what cannot be done without it; "" where it is there."""
+    changed: tuple[str, ...]
+    """What of the scene's render settings is otherwise now, in words."""
+    lacking: tuple[str, ...]
+    """What the engine and the colors that the scene keeps take away."""
 
     @property
     def warnings(self) -> list[str]:
         """What is wrong with it."""
-        return [each for each in (self.astray, self.missing) if each]
+        return [each for each in (self.astray, self.missing, *self.lacking) if each]
 
     def __str__(self) -> str:
         parts = ["the clip" if self.behind == "clip" else f"the {self.behind}, since the clip's object moves anew"]
@@ -86,12 +88,13 @@ class Composite:
         parts += [f"as soft as the clip ({self.softness:.1f} pixels)"] * bool(self.softness)
         parts += [f"motion blur of {self.shutter:g} frames"] * bool(self.shutter)
         parts += [f"depth of field at f/{self.fstop:g}"] * bool(self.fstop)
-        return " ".join([*self.warnings, f"Composite over {', '.join(parts)}"])
+        changed = f". Changed: {', '.join(self.changed)}" if self.changed else ""
+        return " ".join([*self.warnings, f"Composite over {', '.join(parts)}{changed}"])
 
 
 def set_up(
     scene: bpy.types.Scene, *, plate: str = "AUTO", floor: bool = False, wall: bool = False, samples: int = 32, shutter: float = 0.5,
-    grain: float = 1.0, soft: float = 1.0, fstop: float = 0.0, show_field: bool = False,
+    grain: float = 1.0, soft: float = 1.0, fstop: float = 0.0, show_field: bool = False, use_cycles: bool = True, use_standard: bool = True,
 ) -> Composite:  # fmt: skip
     """Make a scene render its edit over the clip. May be called again after changes.
 
@@ -104,6 +107,7 @@ def set_up(
         grain, soft: factors on the clip's own noise and blur, which are measured.
         fstop: of the clip's lens, which is focused on its object; 0 leaves everything sharp.
         show_field: render the arrows too.
+        use_cycles, use_standard: change the scene's engine to Cycles, and its view transform to Standard.
 
     Raises:
         UsageError: without camera and clip, when the clip's file is gone, or without a plate where one is asked for.
@@ -122,18 +126,16 @@ def set_up(
     depths = _depths(take) if take is not None and mattes is not None else None
     set_focus(scene, depths, fstop, pace_of_scene(scene))
     held_out = _hold_out(scene, depths, mattes, use_plate)
-    for helper in (settings.arrows_object, *_legends(scene)):
-        if helper is not None:
-            helper.hide_render = not show_field
-    scene.render.engine = "CYCLES"
-    scene.cycles.samples, scene.render.film_transparent = samples, True
-    scene.view_settings.view_transform = "Standard"
+    for helper in [obj for obj in scene.objects if SURE in obj or LEGEND_MARK in obj]:  # arrows and their legends
+        helper.hide_render = not show_field
+    changed = set_render(scene, use_cycles, use_standard)
+    scene.cycles.samples = samples
     scene.render.use_motion_blur = shutter > 0.0
     if shutter > 0.0:
         scene.render.motion_blur_shutter = shutter
     _background(scene.camera.data, clip)
     catchers = set_catchers(scene, floor, wall)
-    light = _light(scene, take)
+    light = light_scene(scene, _background_of(take))
     noise = grain * grain_of(take) if take is not None else 0.0
     softness = _soften(scene, take, soft)
     lens = lens_of(take, tuple(clip.size)) if take is not None else None
@@ -144,7 +146,8 @@ def set_up(
     drop_lenses()
     behind = "clip" if not use_plate else "plate" if mattes is None else "moving plate"
     return Composite(
-        behind, tuple(catchers), held_out, lens is not None, noise, softness, light, shutter, fstop, astray(scene), _missing(take)
+        behind, tuple(catchers), held_out, lens is not None, noise, softness, light, shutter, fstop, astray(scene), _missing(take),
+        tuple(changed), tuple(said_of_render(scene)),
     )
 
 
@@ -152,11 +155,16 @@ def render(scene: bpy.types.Scene, path: Path, *, still: bool = False) -> None:
     """Render the whole range into a video (H.264 in MP4), or the current frame into a PNG. Without a window it waits.
 
     Raises:
-        UsageError: when the clip begins before frame 0, where Blender renders nothing, its file is gone, or `path` is footage.
+        UsageError: when the clip begins before frame 0, where Blender renders nothing, its file is gone, `path` is footage, or the scene
+            renders several views.
         SeeingWindError: when Blender could not write the file.
     """
     check_film(scene.active_clip)
     refuse_footage(path)
+    if scene.render.use_multiview:
+        raise UsageError(
+            "Stereoscopy is on, which renders an image for each eye, and the clip has one.", "Switch it off (Properties > Output)."
+        )
     first = scene.seeing_wind.frame_start
     if first < 0 and not still:
         raise UsageError(
@@ -263,10 +271,6 @@ def _background_of(take: Take | None) -> np.ndarray | None:
     return plate if plate is not None and plate.ndim == 3 else None
 
 
-def _legends(scene: bpy.types.Scene) -> list[bpy.types.Object]:
-    return [obj for obj in scene.objects if LEGEND_MARK in obj]
-
-
 def _background(camera: bpy.types.Camera, clip: bpy.types.MovieClip) -> None:
     """The clip behind the camera, for the viewport."""
     camera.show_background_images = True
@@ -274,27 +278,3 @@ def _background(camera: bpy.types.Camera, clip: bpy.types.MovieClip) -> None:
         background = camera.background_images.new()
         background.source, background.clip, background.alpha = "MOVIE_CLIP", clip, 1.0
         background.display_depth, background.frame_method = "BACK", "STRETCH"
-
-
-def _light(scene: bpy.types.Scene, take: Take | None) -> str:
-    """The user's panorama or, where there is no light but Blender's default one, the clip's sun and sky; says what it did."""
-    lights = [obj for obj in scene.objects if obj.type == "LIGHT"]
-    default = [obj for obj in lights if is_factory(obj)]
-    if scene.seeing_wind.hdri:
-        path = set_hdri(scene)
-        for obj in (*default, *[obj for obj in lights if is_called(obj, SUN)]):
-            obj.hide_render = True
-        return f"the light of {path.name}"
-    unset_hdri(scene)
-    for obj in lights:
-        if is_called(obj, SUN):
-            obj.hide_render = False
-    if len(lights) > len(default):
-        return ""
-    for obj in default:
-        obj.hide_render = True
-    seen, around = sun_of(scene.seeing_wind.recovered_object), _background_of(take)
-    set_light(scene, around, seen)
-    said = "Blender's default light is off; " if default else ""
-    said += "a sun from where the clip's object is brightest" if seen else "a sun: turn it to the clip's light"
-    return said + (", a sky of the clip's colours" if around is not None else "")

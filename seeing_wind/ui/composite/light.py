@@ -10,6 +10,9 @@ import numpy as np
 from mathutils import Vector
 
 from ..clip.clip_scene import FRAME_COLOUR
+from ..clip.match import is_factory
+from .hdri import set_hdri, unset_hdri
+from .own import is_called
 
 EXPLAINED = 0.3
 """Share of the brightness that must follow the surface's direction. Below it is the object's own pattern that is seen, no shading."""
@@ -27,6 +30,8 @@ SKY_MAP = 64
 """Pixels across the map by which Cycles samples the sky: there is no small bright place in it that a ray could miss."""
 SUN_ANGLES = (math.radians(48.0), math.radians(-12.0), math.radians(-38.0))
 """High, over the camera's left shoulder: a guess to be turned to the clip's own light."""
+MADE = "seeing_wind_made"
+"""Custom property of sun and sky: their numbers as they were made. While these are the same, both follow the take that is loaded."""
 
 
 @dataclass(frozen=True)
@@ -109,23 +114,81 @@ def sun_of(obj: bpy.types.Object | None) -> tuple[Vector, float] | None:
     return (way.normalized(), ratio) if way.z > 0.0 else None
 
 
-def set_light(scene: bpy.types.Scene, surroundings: np.ndarray | None, seen: tuple[Vector, float] | None) -> None:
+def light_scene(scene: bpy.types.Scene, surroundings: np.ndarray | None) -> str:
+    """The user's panorama or, where there is no light but Blender's default one and ours, the clip's sun and sky; says what lights.
+
+    Args:
+        surroundings: as of `set_light`.
+    """
+    lights = [obj for obj in scene.objects if obj.type == "LIGHT"]
+    default, ours = [obj for obj in lights if is_factory(obj)], [obj for obj in lights if is_called(obj, SUN)]
+    if scene.seeing_wind.hdri:
+        path = set_hdri(scene)
+        for obj in (*default, *ours):
+            obj.hide_render = True
+        return f"the light of {path.name}"
+    unset_hdri(scene)
+    for obj in ours:
+        obj.hide_render = False
+    if len(lights) > len(default) and not ours:
+        return ""
+    for obj in default:
+        obj.hide_render = True
+    said = "Blender's default light is off; " if default else ""
+    seen = sun_of(scene.seeing_wind.recovered_object)
+    if not set_light(scene, surroundings, seen):
+        return said + "the sun as you have set it (delete it for that of the clip)"
+    said += "a sun from where the clip's object is brightest" if seen else "a sun: turn it to the clip's light"
+    return said + (", a sky of the clip's colours" if surroundings is not None else "")
+
+
+def set_light(scene: bpy.types.Scene, surroundings: np.ndarray | None, seen: tuple[Vector, float] | None) -> bool:
     """Make the sun, and a sky in place of a new file's own, which is nearly black: shadows would be, too. The scene has a camera.
+
+    A sun or a sky that was made before is made anew, unless the user has changed it since.
 
     Args:
         surroundings: what is around the object (H, W, 3) uint8 sRGB; None: it is not known.
         seen: as `sun_of` gives it.
+
+    Returns:
+        Whether the sun is as asked for; otherwise it is the user's.
     """
     if surroundings is None:
         surroundings = np.broadcast_to(np.array([[[170, 184, 206]]], dtype=np.uint8), (BANDS, 1, 3))
     light = light_of(surroundings, bands_of(scene, min(BANDS, len(surroundings))), HAZY if seen is None else seen[1])
-    lamp = bpy.data.lights.new(SUN, "SUN")
-    lamp.energy, lamp.color, lamp.angle = light.energy, light.colour, math.radians(2.0)
-    sun = bpy.data.objects.new(SUN, lamp)
+    former = scene.world
+    if former is None or _is_factory_world(former) or _is_as_made(former):
+        scene.world = _sky(light, former if former is not None and MADE in former and former.users == 1 else None)
+    sun = next((obj for obj in scene.objects if obj.type == "LIGHT" and is_called(obj, SUN)), None)
+    if sun is None:
+        sun = bpy.data.objects.new(SUN, bpy.data.lights.new(SUN, "SUN"))
+        scene.collection.objects.link(sun)
+    elif not _is_as_made(sun):
+        return False
+    sun.data.energy, sun.data.color, sun.data.angle = light.energy, light.colour, math.radians(2.0)
     sun.rotation_euler = SUN_ANGLES if seen is None else seen[0].to_track_quat("Z", "Y").to_euler()
-    scene.collection.objects.link(sun)
-    if scene.world is None or _is_factory_world(scene.world):
-        scene.world = _sky(light)
+    sun[MADE] = _numbers(sun)
+    return True
+
+
+def _numbers(made: bpy.types.Object | bpy.types.World) -> list[float]:
+    """All that is set of a sun, or of a sky."""
+    if isinstance(made, bpy.types.World):
+        nodes = made.node_tree.nodes
+        stops = next((node.color_ramp.elements for node in nodes if node.type == "VALTORGB"), ())
+        lit = next((node.inputs["Strength"].default_value for node in nodes if node.type == "BACKGROUND"), 0.0)
+        parts = [float(len(nodes)), float(len(made.node_tree.links)), lit]
+        return [*parts, *(value for stop in stops for value in (stop.position, *stop.color))]
+    tied = float(bool(made.animation_data or made.data.animation_data or made.constraints or made.parent))
+    turned = made.rotation_euler if made.rotation_mode == "XYZ" else made.matrix_basis.to_euler()
+    return [tied, *turned, made.data.energy, *made.data.color, made.data.angle]
+
+
+def _is_as_made(made: bpy.types.Object | bpy.types.World) -> bool:
+    """Whether the user has changed nothing of a sun or a sky."""
+    noted = list(made.get(MADE, ()))
+    return len(noted) > 0 and len(now := _numbers(made)) == len(noted) and np.allclose(now, noted, rtol=1e-5, atol=1e-5)
 
 
 def _ratio(bright: np.ndarray, facing: np.ndarray) -> float:
@@ -140,20 +203,27 @@ def linear(image: np.ndarray) -> np.ndarray:
     return np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4)
 
 
-def _sky(light: Light) -> bpy.types.World:
-    """What is around the scene, by elevation."""
-    world = bpy.data.worlds.new(SKY)
-    world.use_nodes = True
-    nodes, link = world.node_tree.nodes, world.node_tree.links.new
-    background = nodes.get("Background")
-    way, parts, share, ramp = (nodes.new(f"ShaderNode{kind}") for kind in ("TexCoord", "SeparateXYZ", "MapRange", "ValToRGB"))
-    stops = ramp.color_ramp.elements
+def _sky(light: Light, made: bpy.types.World | None) -> bpy.types.World:
+    """What is around the scene, by elevation, in a world that was made so before or in a new one."""
+    world = made or _new_sky()
+    stops = next(node for node in world.node_tree.nodes if node.type == "VALTORGB").color_ramp.elements
     while len(stops) < len(light.heights):
         stops.new(1.0)
     while len(stops) > max(len(light.heights), 1):
         stops.remove(stops[-1])
     for element, height, colour in zip(stops, light.heights, light.around, strict=True):
         element.position, element.color = 0.5 * (height + 1.0), (*colour, 1.0)
+    world[MADE] = _numbers(world)
+    return world
+
+
+def _new_sky() -> bpy.types.World:
+    """Its nodes: colors by elevation."""
+    world = bpy.data.worlds.new(SKY)
+    world.use_nodes = True
+    nodes, link = world.node_tree.nodes, world.node_tree.links.new
+    background = nodes.get("Background")
+    way, parts, share, ramp = (nodes.new(f"ShaderNode{kind}") for kind in ("TexCoord", "SeparateXYZ", "MapRange", "ValToRGB"))
     link(way.outputs["Generated"], parts.inputs[0])
     share.inputs["From Min"].default_value = -1.0
     link(parts.outputs["Z"], share.inputs["Value"])

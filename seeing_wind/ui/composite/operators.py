@@ -95,8 +95,9 @@ def _set_up(scene: bpy.types.Scene):
 
 
 def _as_text(settings: bpy.types.PropertyGroup) -> str:
-    """All that the composite is set up by."""
-    return repr([getattr(settings.composite, name) for name in LOOK] + [settings.hdri, settings.hdri_turn, settings.hdri_strength])
+    """All that the composite is set up by, the take that is loaded too: light, outlines, grain and softness come from it."""
+    take = [Path(settings.recovered_take).name, settings.recovered_stamp]
+    return repr([getattr(settings.composite, name) for name in LOOK] + [settings.hdri, settings.hdri_turn, settings.hdri_strength, *take])
 
 
 CLASSES = (SEEING_WIND_OT_set_up_composite, SEEING_WIND_OT_render_composite)

@@ -1,7 +1,11 @@
 """The panel *Composite*."""
 
 from ..job.panel_pieces import Tab, columns, draw_text, fold, panels
+from .own import changes
 from .properties import LOOK
+
+IN_SIGHT = ("floor", "wall", "use_cycles", "use_standard")
+"""Of the look, what is not folded away."""
 
 
 class CompositeTab(Tab):
@@ -22,12 +26,15 @@ class CompositeTab(Tab):
         if settings.hdri:
             column.prop(settings, "hdri_turn")
             column.prop(settings, "hdri_strength")
-        column.prop(settings.composite, "floor")
-        column.prop(settings.composite, "wall")
+        for name in IN_SIGHT:
+            column.prop(settings.composite, name)
         body = fold(column, "look", "Shutter, Aperture, Grain")
         for name in LOOK if body is not None else ():
-            if name not in ("floor", "wall"):
+            if name not in IN_SIGHT:
                 body.prop(settings.composite, name)
+        changed = [words for *_, words in changes(context.scene, settings.composite.use_cycles, settings.composite.use_standard)]
+        if changed:
+            draw_text(layout, context, f"Set Up Composite changes {' and '.join(changed)}", "INFO")
         column = layout.column()
         column.operator("seeing_wind.set_up_composite", icon="NODE_COMPOSITING")
         column.operator("seeing_wind.render_composite", icon="RENDER_ANIMATION")

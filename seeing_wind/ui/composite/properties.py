@@ -44,9 +44,17 @@ class Look:
         description="Factor on how softly the clip shows the object's rim, which is measured and given to the render; 0: Blender's filter",
     )  # fmt: skip
     show_field: BoolProperty(name="Show Arrows", options=KEPT, description="Render the field's arrows too")
+    use_cycles: BoolProperty(
+        name="Use Cycles", default=True, options=KEPT,
+        description="Render with Cycles, which alone catches shadows; otherwise the scene keeps its own engine",
+    )  # fmt: skip
+    use_standard: BoolProperty(
+        name="Standard View", default=True, options=KEPT,
+        description="The view transform Standard leaves the clip's colors as they were filmed; otherwise the scene keeps its own",
+    )  # fmt: skip
 
 
-LOOK = ("behind", "floor", "wall", "samples", "shutter", "fstop", "grain", "soft", "show_field")
+LOOK = ("behind", "floor", "wall", "samples", "shutter", "fstop", "grain", "soft", "show_field", "use_cycles", "use_standard")
 """Names of all of it, as the panel lists them."""
 
 

@@ -6,6 +6,7 @@ panel       the panel *Edit*
 from_file   the Edit list from an edit.toml that was simulated elsewhere
 edits       several edits of one field: one is worked on, the others are kept
 sheet_label what the panel says of a body that will be a shell
+cloth_look  the material of cloth that has none
 
 `resimulate` is step 5.
 """

@@ -13,6 +13,8 @@ from ..option_properties import give, panel_options, property_of, with_options
 from ..property_kinds import MATERIAL_ITEMS, PATH
 from ..recover.shown import shows_field
 from ..user_paths import absolute
+from .cloth_look import dress
+from .sheet_label import is_shell
 
 IMPORTERS = {".obj": "obj_import", ".ply": "ply_import", ".stl": "stl_import"}
 
@@ -48,6 +50,7 @@ class SEEING_WIND_OT_insert_mesh(DirectOperator, bpy.types.Operator):
         new = [obj for obj in meshes if obj not in taken]
         if not new:
             raise UsageError("These meshes are in the list already.", "Select others, or change them in the list.")
+        dressed: list[str] = []
         for obj in new:
             body = settings.bodies.add()
             body.name, body.is_recovered, body.object = (obj.name if obj else "Recovered Object"), obj is None, obj
@@ -56,8 +59,11 @@ class SEEING_WIND_OT_insert_mesh(DirectOperator, bpy.types.Operator):
             for one in panel_options(BodyEdit):
                 if one.name != "material" and self.properties.is_property_set(one.identifier):
                     give(body, one, getattr(self, one.identifier))
+            if is_shell(body) and dress(obj, body.material):
+                dressed.append(obj.name)
         settings.active_body = len(settings.bodies) - 1
-        return f"Inserted {', '.join(body.name for body in settings.bodies[-len(new) :])}"
+        said = f"; {', '.join(dressed)} had no material and looks like thin cloth now" if dressed else ""
+        return f"Inserted {', '.join(body.name for body in settings.bodies[-len(new) :])}{said}"
 
     def _meshes(self, context) -> list:
         settings = context.scene.seeing_wind

@@ -10,12 +10,6 @@ from ...engine.settings import BodyEdit, BuildSettings, ColliderEdit, Edit, opti
 from ..job.notes import SEEING_WIND_PG_note
 from ..option_properties import property_of, with_options
 from ..property_kinds import KEPT, MATERIAL_ITEMS, changed, choice, is_mesh, number, toggle
-from .sheet_label import measure
-
-
-def _object_changed(self, context) -> None:
-    measure(self, context)
-    changed(self, context)
 
 
 @with_options(BodyEdit)
@@ -23,8 +17,8 @@ class SEEING_WIND_PG_body(bpy.types.PropertyGroup):
     """One body of the edit: a mesh object, or the clip's own object."""
 
     is_recovered: BoolProperty(name="Recovered Object", description="The object of the clip itself, at its recovered material")
-    object: PointerProperty(name="Object", type=bpy.types.Object, poll=is_mesh, description="The mesh to move", update=_object_changed)
-    open_area: FloatProperty(options={"HIDDEN"}, description="Of an open mesh when it was chosen (m²); 0 for a closed one")
+    object: PointerProperty(name="Object", type=bpy.types.Object, poll=is_mesh, description="The mesh to move", update=changed)
+    open_area: FloatProperty(options={"HIDDEN"}, description="Of an open mesh (m²); 0 for a closed one")
     material: choice("Material", "What the body is made of", MATERIAL_ITEMS, BuildSettings.material)
     pin_group: StringProperty(
         name="Pinned", update=changed,

@@ -7,7 +7,10 @@ import bpy
 from ...engine.materials import SHEET_UNITS, SHEETS
 from ..field.display import in_figures
 from ..scene_units import metres_per_unit
+from .resimulate.geometry import once_per_shape
 
+SAME = 1e-5
+"""Relative difference of areas that is none: single precision."""
 SHEET = tuple(SHEET_UNITS)
 """Options of a body that mean something only if it is a shell."""
 
@@ -32,15 +35,19 @@ def open_area(obj: bpy.types.Object | None, scene: bpy.types.Scene) -> float:
     return float(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()) * metres_per_unit(scene) ** 2
 
 
-def measure(body: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
-    """Note the area of a body's mesh, so that drawing need not look for it."""
-    scene = body.id_data
-    if isinstance(scene, bpy.types.Scene):  # None while these are the arguments of an operator
-        body.open_area = open_area(body.object, scene)
+def measure(scene: bpy.types.Scene) -> None:
+    """Note the area of each body's mesh as it is now, so that drawing need not look for it."""
+    for body in scene.seeing_wind.bodies:
+        obj, area = body.object, 0.0
+        if obj is not None and obj.type == "MESH":
+            stretched = [round(value, 6) for row in obj.matrix_world.to_3x3() for value in row]
+            area = once_per_shape(obj, f"area {stretched} {metres_per_unit(scene)}", lambda obj=obj: open_area(obj, scene))
+        if abs(area - body.open_area) > SAME * area:
+            body.open_area = area
 
 
 def is_shell(body: bpy.types.PropertyGroup) -> bool:
-    """Whether a body will be a shell, as its mesh was when it was inserted."""
+    """Whether a body will be a shell, as its mesh is."""
     return not body.is_recovered and body.material in SHEETS and body.open_area > 0.0
 
 

@@ -38,6 +38,9 @@ STRIDE = "seeing_wind_stride"
 SURE = "seeing_wind_sure"
 """Custom property of the arrows: for each frame the greatest confidence of any, in 0..1."""
 
+ARROWS = "seeing_wind_arrows"
+"""Custom property of a field object that was taken from the library: its arrows, which were made then; of these: True."""
+
 LOOP = "seeing_wind_loop"
 """Custom property of a field object: whether its first frame follows its last; the user's."""
 
@@ -143,6 +146,27 @@ def said_of_fit(field: Any) -> str:
     what = "wind" if is_wind(field) else "field"
     nodes = " x ".join(f"{count}" for count in field[NODES])
     return f"{nodes} nodes; between them solvers feel about {100.0 * error[1]:.1f} % and {error[0]:.1f}° off the recovered {what}"
+
+
+def arrows_of(field: Any, scene: Any) -> Any:
+    """The arrows that show a field object in a scene; None where there are none."""
+    arrows = scene.seeing_wind.arrows_object
+    if arrows is None or arrows.parent != field:
+        arrows = field.get(ARROWS)
+    return arrows if arrows is not None and arrows.parent == field and scene in arrows.users_scene else None
+
+
+def lacks_arrows(obj: Any) -> bool:
+    """Whether an object is a wind that came without its take and has no arrows yet: out of the library, or a copy of such a one."""
+    if not is_field(obj) or not has_wind(obj) or obj.get("seeing_wind_take") or obj.library is not None or obj.override_library is not None:
+        return False
+    arrows = obj.get(ARROWS)
+    return ARROWS not in obj or (arrows is not None and arrows.parent != obj)
+
+
+def has_lost_field(obj: Any, scene: Any) -> bool:
+    """Whether an object is the arrows of a wind out of the library that has been deleted since."""
+    return obj.get(ARROWS) is True and obj.library is None and (obj.parent is None or scene not in obj.parent.users_scene)
 
 
 def is_field(obj: Any) -> bool:

@@ -7,6 +7,7 @@ from .display import (
     ARROWS_MATERIAL,
     KIND,
     LOOP,
+    arrows_of,
     field_at_hand,
     frames_per_second,
     has_wind,
@@ -68,8 +69,9 @@ class FieldTab(Tab):
         if LOOP in field:
             layout.prop(field, f'["{LOOP}"]', text="Loop")
         self._felt(context, layout, settings, field)
-        if settings.arrows_object is not None and settings.arrows_object.parent == field:
-            self._arrows(context, layout, settings.arrows_object)
+        arrows = arrows_of(field, context.scene)
+        if arrows is not None:
+            self._arrows(context, layout, arrows)
         column = layout.column()
         both = column.column(align=True)
         one = both.row(align=True)

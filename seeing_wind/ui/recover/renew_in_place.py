@@ -9,9 +9,10 @@ import re
 
 import bpy
 
+from ..composite.own import drop_unused
 from ..field.display import LOOP
 from ..field.node_groups import FRAMES_PER_CLIP_FRAME, get_input, modifier_input, set_input
-from ..field.texture.tree import remove_texture
+from ..field.texture.tree import parts_of, remove_texture
 
 OF_RESULTS = ("First Frame", "Length", FRAMES_PER_CLIP_FRAME)
 """Inputs of our modifiers that follow from the results; the others (density, slice, confidence shown) are the user's."""
@@ -53,9 +54,77 @@ def _take_mesh(former: bpy.types.Object, new: bpy.types.Object) -> None:
     old, name = former.data, former.data.name
     former.data = new.data
     if old.users == 0:
-        bpy.data.meshes.remove(old)
+        gone = _discard_mesh(old)
         former.data.name = name
+        for material in former.data.materials:
+            _take_name(material, gone)
+            for image in _images(material):
+                _take_name(image, gone)
+        keys = former.data.shape_keys
+        if keys is not None and keys.animation_data is not None and keys.animation_data.action is not None:
+            _take_name(keys.animation_data.action, gone)
     former.show_only_shape_key, former.active_shape_key_index = new.show_only_shape_key, new.active_shape_key_index
+
+
+def discard(obj: bpy.types.Object) -> None:
+    """Remove one of our objects with all that only it used."""
+    data, groups = obj.data, _groups(obj)
+    bpy.data.objects.remove(obj)
+    if isinstance(data, bpy.types.Mesh) and data.users == 0:
+        _discard_mesh(data)
+    for group in groups:
+        if group.users == 0:
+            bpy.data.node_groups.remove(group)
+
+
+def tidy(made: dict[str, bpy.types.Object], before: str) -> None:
+    """Give results the names that they would have in a file without former ones, and remove what a deleted one has left.
+
+    Args:
+        made: by what they are.
+        before: name of the new field object, which has gone on in a former one: what belongs to it is called after it.
+    """
+    now = made["field_object"].name
+    texture = made["field_object"].field.texture
+    blocks = [block for obj in made.values() for block in (obj, obj.data, *_groups(obj))] + list(parts_of(texture))
+    pools = ((bpy.types.Object, bpy.data.objects), (bpy.types.Mesh, bpy.data.meshes), (bpy.types.NodeTree, bpy.data.node_groups),
+             (bpy.types.Texture, bpy.data.textures), (bpy.types.Image, bpy.data.images))  # fmt: skip
+    for block in blocks:
+        if block.name == before or block.name.startswith(f"{before} "):
+            name = now + _base(block.name.removeprefix(before))
+            drop_unused(next(pool for kind, pool in pools if isinstance(block, kind)), name)
+            block.name = name
+
+
+def _groups(obj: bpy.types.Object) -> list[bpy.types.NodeTree]:
+    return [each.node_group for each in obj.modifiers if each.type == "NODES" and each.node_group is not None]
+
+
+def _discard_mesh(mesh: bpy.types.Mesh) -> set[str]:
+    """Remove a mesh that nothing uses, with the materials, images and keyframes that only it used. Returns the names that are free now."""
+    keys = mesh.shape_keys
+    action = keys.animation_data.action if keys is not None and keys.animation_data is not None else None
+    materials = [each for each in mesh.materials if each is not None]
+    images = [image for each in materials for image in _images(each)]
+    gone = {mesh.name}
+    bpy.data.meshes.remove(mesh)
+    for pool, blocks in ((bpy.data.materials, materials), (bpy.data.images, images), (bpy.data.actions, [action] if action else [])):
+        for each in [each for each in dict.fromkeys(blocks) if each.users == 0]:
+            gone.add(each.name)
+            pool.remove(each)
+    return gone
+
+
+def _images(material: bpy.types.Material | None) -> list[bpy.types.Image]:
+    nodes = material.node_tree.nodes if material is not None and material.node_tree is not None else ()
+    return [node.image for node in nodes if node.type == "TEX_IMAGE" and node.image is not None]
+
+
+def _take_name(block: bpy.types.ID, free: set[str]) -> None:
+    """Call a new datablock as the former one was called, if that is gone."""
+    name = next((each for each in free if _base(each) == _base(block.name)), None)
+    if name is not None:
+        block.name = name
 
 
 def _take_modifiers(former: bpy.types.Object, new: bpy.types.Object) -> None:

@@ -12,7 +12,7 @@ from ...engine.errors import SeeingWindError, TakeError
 from ...engine.take import Take
 from ..bake.motion import bake_shape_keys
 from ..clip.clip_scene import create_recovered_object, setup_clip_scene
-from ..clip.inputs.clips import as_pattern, found_clip, opened_by, start_of
+from ..clip.inputs.clips import clip_of_take, found_clip, start_of
 from ..clip.inputs.pace import pace_of_scene
 from ..clip.match import followed, hide_default_cube
 from ..field.arrows import create_arrows
@@ -25,11 +25,11 @@ from ..field.samples import samples_of
 from ..field.solvers import physics_nodes
 from ..job import status
 from ..job.panel_words import in_panel_words, in_scene_frames
-from ..job.take_reading import FieldSummary, Seen, field_summary, read_seen, recovery_notes, wind_told
+from ..job.take_reading import Seen, field_summary, read_seen, recovery_notes, wind_told
 from ..scene_units import metres_per_unit
 from ..user_paths import absolute
 from .fill import fill
-from .renew_in_place import can_renew, renew
+from .renew_in_place import can_renew, discard, renew, tidy
 from .request import RecoverRequest
 from .sampling import Places, own_caches, places
 from .shown import LEGEND, POINTERS, SAMPLES_OBJECT, made_before
@@ -69,7 +69,7 @@ def build(scene: bpy.types.Scene, folder: Path, clip: str = "") -> bool:
     at_nodes, at_arrows, sure_arrows = _sampled(take, where, field.frames, blown is not None)
     seen = read_seen(take, field)
     if seen is not None:
-        path = clip or _clip(settings, field)
+        path = clip or clip_of_take(settings, field.clip, folder)
         known = found_clip(path, scene)
         if known is not None:
             settings.frame_start = start_of(known, field.first_frame, settings.frame_start)
@@ -156,7 +156,7 @@ def _in_place(
     scene: bpy.types.Scene, former: dict[str, bpy.types.Object], made: dict[str, bpy.types.Object]
 ) -> dict[str, bpy.types.Object]:
     """Put new results into the objects that a former run has made; those that cannot take them, or have no successor, are removed."""
-    kept = {}
+    kept, called_now = {}, made["field_object"].name
     for name, new in made.items():
         old = former.pop(name, None)
         if old is not None and not can_renew(old, scene):
@@ -165,12 +165,11 @@ def _in_place(
     for name, obj in former.items():
         for child in obj.children:
             child.parent = None
-        called, data = obj.name, obj.data
-        bpy.data.objects.remove(obj)
-        if isinstance(data, bpy.types.Mesh) and data.users == 0:
-            bpy.data.meshes.remove(data)
+        called = obj.name
+        discard(obj)
         if name in kept:  # one that the user had deleted kept its name until now
             kept[name].name = called
+    tidy(kept, called_now)
     return kept
 
 
@@ -212,22 +211,6 @@ def _keep_other_take(settings: bpy.types.PropertyGroup, folder: Path) -> None:
         f"{field.name} of {other.name} stays: solvers feel both winds until you delete one, set its strength to 0, or calibrate with "
         "Only This Wind"
     )
-
-
-def _clip(settings: bpy.types.PropertyGroup, field: FieldSummary) -> str:
-    """The clip of a take, which may have been moved with the .blend file since."""
-    named = Path(field.clip)
-    candidates = [Path(absolute(settings.clip))] if settings.clip else []
-    if bpy.data.filepath:
-        candidates.append(Path(bpy.data.filepath).with_name(named.name))
-    if Path(opened_by(str(named))).is_file():
-        return field.clip
-    return str(next((each for each in candidates if _is_same(each, named)), named))
-
-
-def _is_same(candidate: Path, named: Path) -> bool:
-    """Whether a clip that is there has the name of another one: a sequence that of its pattern, whichever frame stands for it."""
-    return Path(as_pattern(str(candidate))).name == named.name and Path(opened_by(str(candidate))).is_file()
 
 
 def _recovered(scene: bpy.types.Scene, seen: Seen, fps: float, collection: bpy.types.Collection) -> bpy.types.Object:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import bpy
 
 from ..clip.match import said_of_range
-from ..field.display import LEGEND_MARK, SAMPLES_MARK, is_field, said_of_unseen
+from ..field.display import LEGEND_MARK, SAMPLES_MARK, SURE, is_field, said_of_unseen
 from ..field.node_groups import get_input
 
 POINTERS = ("field_object", "arrows_object", "recovered_object")
@@ -34,8 +34,8 @@ def made_before(settings: bpy.types.PropertyGroup) -> dict[str, bpy.types.Object
 
 
 def shows_field(obj: bpy.types.Object, settings: bpy.types.PropertyGroup) -> bool:
-    """Whether an object is a field, or one of those by which the scene shows its own: no body and no obstacle, whatever is selected."""
-    return is_field(obj) or any(obj == each for name, each in made_before(settings).items() if name != "recovered_object")
+    """Whether an object is a field, or one of those by which the scene shows one: no body and no obstacle, whatever is selected."""
+    return is_field(obj) or SURE in obj or any(obj == each for name, each in made_before(settings).items() if name != "recovered_object")
 
 
 def said_of_view(scene: bpy.types.Scene) -> list[str]:

@@ -135,9 +135,10 @@ def test_the_grid_grows_with_the_bodies():
 def test_stiff_material_is_capped_with_both_numbers():
     model, notes = model_for(block(), replace(RUBBER, name="oak", youngs_modulus=1e10), 30.0, max_substeps=100)
     assert model.substeps == 100
-    assert len(notes) == 1 and "oak" in notes[0] and "1e+10" in notes[0]
+    assert len(notes) == 1 and "oak: too stiff" in notes[0] and "1e+10" in notes[0] and "nothing need be done" in notes[0]
     youngs_modulus = model.mu[0] * 2 * 1.3
     assert f"{youngs_modulus:.3g}" in notes[0] and youngs_modulus < 1e7
+    assert f"simulated {1e10 / youngs_modulus:.2g} times softer" in notes[0]
 
 
 def test_a_held_body_keeps_a_stiffness_that_a_free_one_loses():

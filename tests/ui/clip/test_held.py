@@ -174,6 +174,24 @@ def test_what_cannot_be_held_is_said(settings, scene, tmp_path) -> None:
     refused("No clip is chosen", vertex_group="All")
 
 
+def test_what_is_said_of_a_hidden_mesh_names_it_and_not_its_passing_copy(settings, scene, tmp_path) -> None:
+    settings.take = str(tmp_path / "one.take")
+    setup_clip_scene(scene, settings.clip, dataclasses.asdict(camera(0.0)), 24.0, 0, 12, 1)
+    bpy.ops.mesh.primitive_grid_add(x_subdivisions=1, y_subdivisions=1, size=0.4)
+    proxy = bpy.context.object
+    proxy.name = "Proxy"
+    group(proxy, "None", {0: 0.0})
+    proxy.hide_set(True)
+    for name, says in (("Nowhere", "Proxy has no vertex group 'Nowhere'"), ("None", "No vertex of Proxy has a weight in 'None'")):
+        with pytest.raises(RuntimeError, match=says):
+            bpy.ops.seeing_wind.hold_painted(object="Proxy", vertex_group=name)
+    group(proxy, "All", {v: 1.0 for v in range(4)})
+    proxy.scale.z = proxy.scale.x = 0.0
+    with pytest.raises(RuntimeError, match="Proxy has a scale of 0"):
+        bpy.ops.seeing_wind.hold_painted(object="Proxy", vertex_group="All")
+    assert bpy.data.objects.keys().count("Proxy.001") == 0
+
+
 def test_paint_reaches_as_far_as_half_its_weight_and_is_seen_from_its_edge() -> None:
     xy = np.array([[2.0, 2.0], [12.2, 2.0], [2.0, 12.2]])
     found = painted_pixels(xy, np.array([1.0, 0.0, 0.0]), np.array([[0, 1, 2]]), 20, 20)

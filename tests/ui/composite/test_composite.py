@@ -13,6 +13,7 @@ from seeing_wind.ui.composite import composite
 from seeing_wind.ui.composite.catchers import FLOOR, WALL
 from seeing_wind.ui.composite.mattes import CARD, matte, narrowed, softened, widened
 from seeing_wind.ui.composite.nodes import is_set_up
+from seeing_wind.ui.composite.own import changes
 from seeing_wind.ui.field import vdb as field_vdb
 from seeing_wind.ui.field.display import in_figures
 from seeing_wind.ui.field.samples import read_samples, samples_of
@@ -331,3 +332,31 @@ def test_a_camera_that_is_not_where_the_clip_s_was_is_told(scene, capfd):
     own.data.lens *= 1.5
     bpy.context.view_layer.update()
     assert "make Seeing Wind Camera the active camera" in composite.set_up(scene, samples=1).astray
+
+
+def test_engine_and_colors_change_only_where_the_panel_says_so(scene, capfd):
+    eevee = next(item.identifier for item in scene.render.bl_rna.properties["engine"].enum_items if "EEVEE" in item.identifier)
+    scene.render.engine, scene.view_settings.view_transform = eevee, "AgX"
+    look = scene.seeing_wind.composite
+    assert [words for *_, words in changes(scene, True, True)] == [
+        "render engine from EEVEE to Cycles", "view transform from AgX to Standard",
+    ]  # fmt: skip
+    look.use_cycles = look.use_standard = False
+    assert bpy.ops.seeing_wind.set_up_composite() == {"FINISHED"}
+    said = capfd.readouterr().out
+    assert (scene.render.engine, scene.view_settings.view_transform) == (eevee, "AgX") and "Changed" not in scene.seeing_wind.composite_said
+    assert "Warning: EEVEE catches no shadows: tick Use Cycles" in said
+    assert "Warning: The view transform AgX changes the clip's colors, too: tick Standard View" in said
+    assert bpy.ops.seeing_wind.set_up_composite(use_cycles=True, use_standard=True) == {"FINISHED"}
+    assert (scene.render.engine, scene.view_settings.view_transform) == ("CYCLES", "Standard")
+    told = ". Changed: render engine from EEVEE to Cycles, view transform from AgX to Standard"
+    assert scene.seeing_wind.composite_said.endswith(told) and not changes(scene, True, True)
+
+
+def test_stereoscopy_is_refused(scene, tmp_path):
+    bpy.ops.seeing_wind.set_up_composite(samples=1)
+    scene.render.use_multiview = True
+    for still in (False, True):
+        with pytest.raises(RuntimeError, match=r"Stereoscopy is on.*Switch it off \(Properties > Output\)"):
+            bpy.ops.seeing_wind.render_composite(filepath=str(tmp_path / "over.png"), still=still)
+    assert not list(tmp_path.iterdir())

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import shutil
+
 import bpy
 import numpy as np
 import pytest
 
+from seeing_wind.engine.take import Take
 from seeing_wind.ui.clip.clip_scene import FRAME_COLOUR
 from seeing_wind.ui.composite import composite
-from seeing_wind.ui.composite.light import BANDS, SKY, bands_of, light_of, linear, set_light, sun_of
+from seeing_wind.ui.composite.light import BANDS, SKY, SUN, bands_of, light_of, linear, set_light, sun_of
+from seeing_wind.ui.job import takes
 from tests.ui.jobs import recover
 
 
@@ -21,11 +25,59 @@ def test_blenders_default_light_counts_as_none_and_motion_is_blurred(workplace):
     assert "default light is off" in str(said)
     assert scene.world.name == SKY and "sky of the clip" in str(said), "in the dark grey of a new file shadows are black"
     assert scene.render.use_motion_blur and scene.render.motion_blur_shutter == 0.5 and "motion blur" in str(said)
-    assert composite.set_up(scene, shutter=0.0).light == "" and not scene.render.use_motion_blur
+    assert composite.set_up(scene, shutter=0.0).light == said.light and not scene.render.use_motion_blur
     own = bpy.data.objects.new("Key", bpy.data.lights.new("Key", "AREA"))
     scene.collection.objects.link(own)
     bpy.data.objects.remove(scene.objects["Seeing Wind Sun"])
     assert composite.set_up(scene).light == "", "a light of the user's is enough"
+
+
+def relit(scene, brightness: int, way: tuple[float, float, float]) -> str:
+    """What is set up over surroundings that bright, for an object that is brightest where it faces a way, as of another take."""
+    take = Take(takes.shown(scene.seeing_wind))
+    arrays = take.read_arrays("observation.npz")
+    take.write_arrays("observation.npz", {**arrays, "background": np.full_like(arrays["background"], brightness)})
+    bpy.ops.mesh.primitive_uv_sphere_add(segments=24, ring_count=16)
+    ball = scene.seeing_wind.recovered_object = bpy.context.object
+    values = shaded(np.array([vertex.normal[:] for vertex in ball.data.vertices]), np.array(way) / np.linalg.norm(way))
+    colours = ball.data.attributes.new(FRAME_COLOUR, "FLOAT_COLOR", "POINT")
+    colours.data.foreach_set("color", np.repeat(values[:, None], 4, axis=1).astype(np.float32).ravel())
+    return composite.set_up(scene, samples=1).light
+
+
+def towards(sun: bpy.types.Object) -> np.ndarray:
+    return np.array(sun.rotation_euler.to_matrix().col[2])
+
+
+def test_sun_and_sky_follow_the_take_until_the_user_changes_them(scene):
+    left, right = (-0.7, -0.5, 0.5), (0.7, -0.5, 0.5)
+    assert "brightest" in relit(scene, 200, left)
+    sun, sky, energy = scene.objects[SUN], scene.world, scene.objects[SUN].data.energy
+    assert towards(sun) @ left > 0.8
+    relit(scene, 90, right)
+    assert scene.objects[SUN] == sun and towards(sun) @ right > 0.8 and sun.data.energy < 0.5 * energy
+    assert len([each for each in bpy.data.lights if each.users]) == 1 and scene.world.name == SKY and len(bpy.data.worlds) == 1
+    # by hand: the lamp alone, then the sky alone
+    sun.rotation_euler.z += 0.2
+    turned = towards(sun)
+    assert "as you have set it" in relit(scene, 200, left)
+    assert np.allclose(towards(sun), turned) and scene.world.name == SKY
+    bpy.data.objects.remove(sun)
+    scene.world.node_tree.nodes["Background"].inputs["Strength"].default_value = 0.3
+    sky = scene.world
+    assert "brightest" in relit(scene, 90, right)
+    assert scene.world == sky and towards(scene.objects[SUN]) @ right > 0.8
+
+
+def test_render_sets_up_again_after_another_take_was_loaded(scene, workplace, tmp_path):
+    bpy.ops.seeing_wind.set_up_composite(samples=1)
+    scene.cycles.samples = 2
+    take = takes.shown(scene.seeing_wind)
+    other = take.with_name("other.take")
+    shutil.copytree(take, other)
+    bpy.ops.seeing_wind.build_scene(take=str(other))
+    bpy.ops.seeing_wind.render_composite(filepath=str(tmp_path / "a.png"), still=True)
+    assert scene.cycles.samples == 1
 
 
 def shaded(normals: np.ndarray, way: np.ndarray) -> np.ndarray:

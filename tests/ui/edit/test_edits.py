@@ -157,6 +157,23 @@ def test_field_strength_is_read_from_its_keyframes(workplace, recovered) -> None
         assert state("resimulate") == "done", "scrubbing through keyframes changes nothing"
 
 
+def test_a_strength_that_is_no_number_is_refused_in_a_sentence(workplace, recovered) -> None:
+    cube("Free")
+    bpy.ops.seeing_wind.insert_mesh()
+    settings = recovered.seeing_wind
+    settings.field_strength = float("nan")
+    with pytest.raises(RuntimeError, match="strength is no number in all of 12 frames. Correct Field Strength here and") as raised:
+        bpy.ops.seeing_wind.resimulate()
+    assert "nan" not in str(raised.value)
+    for frame, value in ((1, 1.0), (5, float("nan"))):
+        settings.field_strength = value
+        recovered.keyframe_insert("seeing_wind.field_strength", frame=frame)
+    for point in curves_of(recovered)[0].keyframe_points:
+        point.interpolation = "CONSTANT"
+    with pytest.raises(RuntimeError, match="strength is no number in 8 of 12 frames."):
+        bpy.ops.seeing_wind.resimulate()
+
+
 def test_parts_of_the_recovered_object_are_let_go(workplace, recovered) -> None:
     obj = recovered.seeing_wind.recovered_object
     group(obj, "Rim", {0: 1.0, 5: 1.0})

@@ -6,6 +6,7 @@ import tomllib
 from pathlib import Path
 
 import bpy
+import numpy as np
 import pytest
 
 from seeing_wind.engine.materials import SHEETS
@@ -64,3 +65,75 @@ def test_a_sheets_own_numbers_reach_the_edit_and_a_solid_has_none(scene, workpla
         entries += tomllib.loads((Path(scene.seeing_wind.simulated_take) / "edit.toml").read_text())["body"]
     assert [entries[0][name] for name in ("areal_density", "thickness", "bending_stiffness")] == pytest.approx([0.4, 5e-4, 2e-5])
     assert "areal_density" not in entries[1] and "tensile_stiffness" not in entries[0]
+
+
+def test_the_weight_follows_the_object_as_it_is(scene) -> None:
+    bpy.ops.mesh.primitive_grid_add(x_subdivisions=4, y_subdivisions=4, size=0.8)
+    curtain = bpy.context.object
+    bpy.ops.seeing_wind.insert_mesh(object=curtain.name, material="cotton")
+    body = scene.seeing_wind.bodies[0]
+    curtain.scale = (2.0, 1.0, 1.0)
+    bpy.context.view_layer.update()
+    assert shell_words(body) == "Shell, 120 g/m², 154 g, 0.35 mm thick"
+    rig = bpy.data.objects.new("Rig", None)
+    scene.collection.objects.link(rig)
+    curtain.parent, rig.scale = rig, (0.5, 0.5, 0.5)
+    bpy.context.view_layer.update()
+    assert body.open_area == pytest.approx(0.32), "in the world"
+    for vertex in curtain.data.vertices:
+        vertex.co.x *= 3.0
+    curtain.data.update_tag()
+    bpy.context.view_layer.update()
+    assert body.open_area == pytest.approx(0.96)
+    bpy.ops.mesh.primitive_cube_add()
+    body.object = bpy.context.object
+    assert shell_words(body) == "", "another mesh, which is closed"
+
+
+def insert_grid(name: str, preset: str) -> bpy.types.Object:
+    bpy.ops.mesh.primitive_grid_add(x_subdivisions=2, y_subdivisions=2, size=2.0, rotation=(0.5 * np.pi, 0.0, 0.0))
+    obj = bpy.context.object
+    obj.name = name
+    bpy.ops.seeing_wind.insert_mesh(object=name, material=preset)
+    return obj
+
+
+def brightness(scene, path: Path) -> float:
+    """Of the frame's middle, linear, as Cycles renders it."""
+    scene.render.engine, scene.cycles.samples, scene.view_settings.view_transform = "CYCLES", 16, "Raw"
+    scene.render.resolution_x = scene.render.resolution_y = 8
+    scene.render.filepath = str(path)
+    scene.render.image_settings.file_format = "OPEN_EXR"
+    bpy.ops.render.render(write_still=True)
+    image = bpy.data.images.load(str(path))
+    return float(np.mean(np.array(image.pixels[:]).reshape(8, 8, 4)[2:6, 2:6, 1]))
+
+
+def test_cloth_without_a_material_gets_one_that_the_sun_shines_through(scene, tmp_path) -> None:
+    """A camera before the cloth, a sun behind it: so much of the light as is said, less for heavy cloth, none for what is no cloth."""
+    camera = scene.camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
+    scene.collection.objects.link(camera)
+    camera.location, camera.rotation_euler = (0.0, -2.0, 0.0), (0.5 * np.pi, 0.0, 0.0)
+    sun = bpy.data.objects.new("Sun", bpy.data.lights.new("Sun", "SUN"))
+    scene.collection.objects.link(sun)
+    sun.data.energy, sun.rotation_euler = np.pi, (-0.5 * np.pi, 0.0, 0.0)
+    seen = {}
+    for preset in ("cotton", "denim", "paper"):
+        obj = insert_grid(preset.title(), preset)
+        seen[preset] = brightness(scene, tmp_path / f"{preset}.exr")
+        obj.hide_render = True
+    assert [each.name for each in bpy.data.materials if each.users] == ["Seeing Wind Cotton", "Seeing Wind Denim"]
+    assert 0.2 < seen["cotton"] < 0.35 and 0.02 < seen["denim"] < 0.1 and seen["paper"] < 0.01
+
+
+def test_a_material_of_the_users_stays(scene, capfd) -> None:
+    bpy.ops.mesh.primitive_grid_add(x_subdivisions=2, y_subdivisions=2)
+    own = bpy.data.materials.new("Mine")
+    bpy.context.object.data.materials.append(own)
+    bpy.ops.seeing_wind.insert_mesh(object="Grid", material="cotton")
+    assert list(bpy.data.objects["Grid"].data.materials) == [own] and "thin cloth" not in capfd.readouterr().out
+    cube("Box")
+    bpy.ops.seeing_wind.insert_mesh(object="Box", material="cotton")
+    assert not len(bpy.data.objects["Box"].data.materials)
+    assert all(face.use_smooth for face in insert_grid("Other", "cotton").data.polygons)
+    assert "Other had no material and looks like thin cloth now" in capfd.readouterr().out

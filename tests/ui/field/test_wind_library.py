@@ -11,6 +11,7 @@ import bpy
 import numpy as np
 import pytest
 
+from seeing_wind.ui.field.display import arrows_of, lacks_arrows
 from seeing_wind.ui.field.library import shelf
 from seeing_wind.ui.field.samples import read_samples, samples_of
 
@@ -38,7 +39,7 @@ def takes(tmp_path_factory) -> Path:
         wind[..., 0] = SPEEDS[:, None]
         np.savez(
             take.parent / "on_the_shelf.npz", nodes=NODES, density=30.0, off=np.array([1.0, 2.0]), wind_velocity=wind,
-            force_density=20.0 * wind, wind_confidence=np.ones(wind.shape[:2]),
+            force_density=20.0 * wind, wind_confidence=np.zeros(wind.shape[:2]),  # as away from the plate's path
         )  # fmt: skip
     return folder
 
@@ -124,6 +125,64 @@ def test_a_wind_is_no_body_and_no_obstacle(library) -> None:
     for insert in (bpy.ops.seeing_wind.insert_mesh, bpy.ops.seeing_wind.insert_collider):
         with pytest.raises(RuntimeError, match="No mesh is selected|no mesh to collide"):
             insert()
+
+
+def arrows_seen(field: bpy.types.Object, frame: int) -> np.ndarray:
+    """Corners (V, 3) of the arrows of a field as they are drawn in a frame; the bare vertex that names their colors left out."""
+    bpy.context.scene.frame_set(frame)
+    arrows = arrows_of(field, bpy.context.scene)
+    mesh = arrows.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
+    return np.array([arrows.matrix_world @ vertex.co for vertex in mesh.vertices if len(mesh.polygons)])[1:]
+
+
+def test_a_wind_shows_its_arrows_which_go_with_it(library) -> None:
+    scene = bpy.context.scene
+    scene.render.fps = 24
+    assert bpy.ops.seeing_wind.add_wind(wind="Light Breeze") == {"FINISHED"}
+    field = scene.objects["Light Breeze"]
+    arrows = arrows_of(field, scene)
+    assert arrows.hide_render and arrows["seeing_wind_units"] == "m/s" and arrows["seeing_wind_peak"] == pytest.approx(SPEEDS[-1])
+    lengths = [np.ptp(arrows_seen(field, frame)[:, 0]) for frame in (1, 4, 5, 8)]
+    assert lengths[1] > lengths[0] + 0.05 and lengths[2:] == pytest.approx(lengths[:2]), "longer in a stronger wind, and round again"
+    before = arrows_seen(field, 1)
+    field.location, field.rotation_euler.z = (5.0, 0.0, 0.0), 0.5 * np.pi
+    bpy.context.view_layer.update()
+    turned = before @ np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]) + [5.0, 0.0, 0.0]
+    assert arrows_seen(field, 1) == pytest.approx(turned, abs=1e-5)
+    bpy.context.view_layer.objects.active = arrows
+    arrows.select_set(True)
+    with pytest.raises(RuntimeError, match="No mesh is selected"):
+        bpy.ops.seeing_wind.insert_mesh()
+
+
+def test_a_wind_that_was_dragged_or_appended_gets_its_arrows_once(library, monkeypatch) -> None:
+    registered: list = []
+    monkeypatch.setattr(bpy.app.timers, "register", lambda function, **_: registered.append(function))
+    scene = bpy.context.scene
+    bpy.ops.wm.append(directory=f"{library / shelf.BLEND}/Object/", filename="Passing Gust")
+    field = scene.objects["Passing Gust"]
+    field.location.z = 2.0
+    bpy.context.view_layer.update()
+    assert arrows_of(field, scene) is None and registered[-1]() is None
+    arrows = arrows_of(field, scene)
+    assert len(arrows_seen(field, 2)) and not lacks_arrows(field)
+    for obj in scene.objects:
+        obj.select_set(obj == field)
+    bpy.context.view_layer.objects.active = field
+    bpy.ops.object.duplicate()
+    copy = bpy.context.view_layer.objects.active
+    bpy.context.view_layer.update()
+    assert registered[-1]() is None and arrows_of(copy, scene) not in (None, arrows) and arrows_of(field, scene) == arrows
+    bpy.data.objects.remove(arrows)
+    bpy.context.view_layer.update()
+    registered[-1]()
+    assert arrows_of(field, scene) is None, "deleted by the user, they stay away"
+    left = arrows_of(copy, scene).name
+    with bpy.context.temp_override(selected_objects=[copy]):
+        bpy.ops.object.delete()
+    bpy.context.view_layer.update()
+    registered[-1]()
+    assert left not in bpy.data.objects and left not in bpy.data.meshes, "those of a deleted wind go with it"
 
 
 def test_a_wind_goes_by_at_its_own_speed_and_what_it_carries_is_whole(library) -> None:

@@ -17,6 +17,7 @@ from seeing_wind.ui import freshness
 from seeing_wind.ui.bake.motion import is_intact
 from seeing_wind.ui.job import operator as job_operator
 from seeing_wind.ui.job import status, takes
+from seeing_wind.ui.user_paths import absolute
 
 pytestmark = pytest.mark.usefixtures("stand_in")
 
@@ -88,7 +89,48 @@ def test_a_project_can_be_moved_or_copied(project, tmp_path, way, copied) -> Non
         assert call() == {"FINISHED"}
     assert bpy.ops.seeing_wind.set_up_composite(behind="PLATE") == {"FINISHED"}
     assert bpy.context.scene.active_clip.filepath and states() == {"done"}
+    assert Path(absolute(bpy.context.scene.active_clip.filepath)) == elsewhere / "clip.mp4" == Path(absolute(settings.clip))
+    assert len(bpy.data.movieclips) == 1
     assert before == {path: path.stat().st_mtime_ns for path in before}, "the original project is left alone"
+
+
+@pytest.mark.parametrize("said", [True, False])
+def test_reload_in_a_copied_project_takes_its_own_clip(project, tmp_path, said) -> None:
+    """As the file says where the clip is, and, where it says nothing, as the clip stands to the take."""
+    (project / "footage").mkdir()
+    (project / "clip.mp4").rename(project / "footage" / "clip.mp4")
+    recover("//footage/clip.mp4")
+    bpy.ops.wm.save_mainfile()
+    elsewhere = tmp_path / "copy"
+    shutil.copytree(project, elsewhere)
+    bpy.ops.wm.open_mainfile(filepath=str(elsewhere / "Szene.blend"))
+    for clip in list(bpy.data.movieclips):
+        bpy.data.movieclips.remove(clip)
+    if not said:
+        bpy.context.scene.seeing_wind.clip = ""
+    assert bpy.ops.seeing_wind.build_scene() == {"FINISHED"}
+    assert Path(absolute(bpy.context.scene.active_clip.filepath)) == elsewhere / "footage" / "clip.mp4"
+
+
+def test_another_projects_take_comes_with_its_own_clip(project, workplace, tmp_path) -> None:
+    """Both clips have one name: a take that is not the scene's own says which is meant."""
+    other = tmp_path / "other"
+    other.mkdir()
+    shutil.copy(workplace / "clip.mp4", other)
+    recover(other / "clip.mp4", take=str(other / "x.take"))
+    recover("//clip.mp4", take="//own.take")
+    with (project / "clip.mp4").open("ab") as file:  # another film of that name
+        file.write(b"more")
+    assert bpy.ops.seeing_wind.build_scene(take=str(other / "x.take")) == {"FINISHED"}
+    assert Path(absolute(bpy.context.scene.active_clip.filepath)) == other / "clip.mp4"
+    # the very film, chosen here before the take is loaded
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    bpy.ops.wm.save_as_mainfile(filepath=str(project / "new.blend"))
+    shutil.copy(other / "clip.mp4", project)
+    assert bpy.ops.seeing_wind.choose_clip(filepath="//clip.mp4") == {"FINISHED"}
+    assert bpy.ops.seeing_wind.build_scene(take=str(other / "x.take")) == {"FINISHED"}
+    assert bpy.ops.seeing_wind.build_scene() == {"FINISHED"}
+    assert Path(absolute(bpy.context.scene.active_clip.filepath)) == project / "clip.mp4" and len(bpy.data.movieclips) == 1
 
 
 def test_a_file_saved_for_the_first_time_takes_its_results_along(workplace, temporary, tmp_path) -> None:

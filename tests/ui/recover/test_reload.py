@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from pathlib import Path
 
@@ -77,6 +78,46 @@ def test_nothing_piles_up(recovered) -> None:
     assert {pool: len([each for each in getattr(bpy.data, pool) if each.users]) for pool in pools} == before
     assert [[modifier.name for modifier in obj.modifiers] for obj in made(recovered)] == stacks
     assert bpy.data.node_groups[SAMPLE_WIND].interface.items_tree["Wind"].default_value == samples_of(recovered.seeing_wind.field_object)
+
+
+def blocks() -> dict[str, list[str]]:
+    """Names of all that the file holds, used or not, but for keys, which Blender names anew."""
+    pools = ("actions", "collections", "images", "materials", "meshes", "node_groups", "objects", "textures", "worlds")
+    return {pool: sorted(each.name for each in getattr(bpy.data, pool)) for pool in pools}
+
+
+@pytest.mark.parametrize("field", ["FORCE", "WIND"])
+def test_reload_leaves_no_orphans(recovered, workplace: Path, tmp_path: Path, field: str) -> None:
+    bpy.ops.seeing_wind.recover(field=field)
+    before = blocks()
+    assert not any(re.search(r"\.00\d", name) for names in before.values() for name in names)
+    for _ in range(2):
+        bpy.ops.seeing_wind.build_scene()
+        assert blocks() == before
+    samples = samples_of(recovered.seeing_wind.field_object)
+    samples.hide_select = samples.hide_viewport = False
+    with bpy.context.temp_override(selected_objects=[samples]):
+        bpy.ops.object.delete()
+    bpy.ops.seeing_wind.build_scene()
+    assert blocks() == before, "deleted by hand"
+    bpy.data.objects.remove(samples_of(recovered.seeing_wind.field_object))
+    bpy.ops.seeing_wind.build_scene()
+    assert blocks() == before, "removed by a script"
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "saved.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "saved.blend"))
+    bpy.ops.seeing_wind.build_scene()
+    assert blocks() == before
+
+
+def test_what_the_user_still_uses_of_a_former_result_stays(recovered) -> None:
+    obj = recovered.seeing_wind.recovered_object
+    material = obj.data.materials[0]
+    bpy.ops.mesh.primitive_cube_add()
+    bpy.context.object.data.materials.append(material)
+    bpy.ops.seeing_wind.build_scene()
+    (kept,) = bpy.context.object.data.materials
+    assert kept == material and any(node.type == "TEX_IMAGE" and node.image is not None for node in kept.node_tree.nodes)
+    assert obj.data.materials[0] != material
 
 
 def test_the_look_is_the_users_and_the_first_frame_that_of_the_results(recovered) -> None:

@@ -44,6 +44,8 @@ STRAY = 0.05
 """Part of the median edge by which the last iteration may still move a vertex; beyond, there is no solution to go on from."""
 SEARCH = 12
 """Places looked at along the way of a Newton iteration."""
+TOO_WILD = "The sheet moves too wildly to be followed"
+CALMER = "Lower the field's strength or the sheet's speed, let it settle first (Pre-roll), or use a mesh with more even faces."
 SLACK = 0.6
 """The force along an iteration's way may be this part of the former one at its end."""
 
@@ -175,7 +177,8 @@ def _newton(equations: _Equations, x: np.ndarray) -> tuple[np.ndarray, Effort]:
         try:
             way, count, factors = _way(matrix, -r, factors)
         except np.linalg.LinAlgError as error:
-            raise SimulationError(f"The shell's equations cannot be solved: {error}.", "Take more substeps.", quantity="force") from error
+            unsolved = f"{TOO_WILD}: the equations of a substep cannot be solved ({error})."
+            raise SimulationError(unsolved, CALMER, quantity="force") from error
         inner += count
         moved = float(np.abs(way).max())
         x, r, known, whole = _along(equations, x, r, way)
@@ -185,7 +188,7 @@ def _newton(equations: _Equations, x: np.ndarray) -> tuple[np.ndarray, Effort]:
             factors = None
         stress = None
     if moved > STRAY * edge:
-        raise SimulationError("The shell finds no equilibrium within a substep.", "Take more substeps.", quantity="position")
+        raise SimulationError(f"{TOO_WILD}: its forces find no equilibrium within a substep.", CALMER, quantity="position")
     return equations.match_momentum(x, r), Effort(MOST, inner)
 
 
@@ -215,7 +218,7 @@ def _along(equations: _Equations, x: np.ndarray, r: np.ndarray, way: np.ndarray)
         new, known = equations.force(x + length * way)
         along = float((way * new).sum())
         if not np.isfinite(along):
-            raise SimulationError("A force on the shell is not finite.", "Take more substeps.", quantity="force")
+            raise SimulationError(f"{TOO_WILD}: a force on it is not finite.", CALMER, quantity="force")
         if abs(along) <= SLACK * abs(slope) or (along < 0.0 and length == 1.0):
             break
         if along > 0.0:

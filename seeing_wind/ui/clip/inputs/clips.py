@@ -12,6 +12,7 @@ import bpy
 
 from ....engine.conventions import IMAGE_SUFFIXES, image_files, is_sequence
 from ....engine.errors import ClipError, UsageError
+from ...job import takes
 from ...user_paths import absolute, noted
 from .pace import Pace, pace_of, set_pace
 
@@ -79,6 +80,35 @@ def follow_moved(settings: bpy.types.PropertyGroup, path: str) -> bool:
     while (clip := found_clip(former, settings.id_data)) is not None and clip.library is None:
         clip.filepath = bpy.path.relpath(opened_by(path)) if clip.filepath.startswith("//") else opened_by(path)
     return True
+
+
+def clip_of_take(settings: bpy.types.PropertyGroup, named: str, folder: Path) -> str:
+    """Where the clip of a take is, which may have been moved or copied since: its original may be there still, and is another project's.
+
+    Args:
+        settings: of the scene that the take comes into.
+        named: the path by which the take calls its clip.
+        folder: of the take, where it is now.
+    """
+    written = [absolute(settings.clip)] if settings.clip else []
+    beside = [os.path.join(os.path.dirname(bpy.data.filepath), os.path.basename(named))] if bpy.data.filepath else []
+    # a copy of the very clip is the scene's own
+    own = [each for each in written if _is_same(each, named) and os.path.isfile(opened_by(named)) and _content(each) == _content(named)]
+    if settings.recovered_take and takes.shown(settings) == folder:
+        own += written if settings.clip.startswith("//") else []
+        former = Path(settings.recovered_take)
+        if former != folder and former.drive == Path(named).drive:  # the clip stands to the take as it did before
+            own = [*own, os.path.normpath(folder.parent / os.path.relpath(named, former.parent))]
+    return next((each for each in (*own, named, *written, *beside) if _is_same(each, named)), named)
+
+
+def _content(path: str) -> str:
+    return content_of(opened_by(path))
+
+
+def _is_same(candidate: str, named: str) -> bool:
+    """Whether a clip that is there has the name of another one: a sequence that of its pattern, whichever frame stands for it."""
+    return os.path.basename(as_pattern(candidate)) == os.path.basename(named) and os.path.isfile(opened_by(candidate))
 
 
 def load_clip(path: str) -> bpy.types.MovieClip:

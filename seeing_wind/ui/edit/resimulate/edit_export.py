@@ -19,7 +19,7 @@ from ...bake.at_rest import as_shown, at_rest
 from ...job.take_reading import FieldSummary, field_summary
 from ...job.takes import own
 from ...option_properties import single
-from ...scene_mesh import mesh_arrays, pinned_vertices
+from ...scene_mesh import mesh_arrays, name_of, pinned_vertices
 from ...scene_units import metres_per_unit
 from .edit_files import export_mesh, export_pins, write_array, write_edit, write_pins
 from .field_place import standing
@@ -92,6 +92,12 @@ def _strengths(scene: bpy.types.Scene, field: FieldSummary, share: list[float]) 
     """The factor on the field, its object's strength with it: one number, or one per frame of the clip (T,) where it changes."""
     values = values_over(scene, scene.seeing_wind, "field_strength", scene_frames(scene, field.frames, field.fps))
     both = [one * other for one, other in zip(values * len(share) if len(values) == 1 else values, share, strict=True)]
+    wrong = len(both) - int(np.isfinite(both).sum())
+    if wrong:
+        raise UsageError(
+            f"The field's strength is no number in {'all' if wrong == len(both) else wrong} of {len(both)} frames.",
+            "Correct Field Strength here and the strength of the field object, with their keyframes and drivers.",
+        )
     return single(both[0]) if len(set(both)) == 1 else both
 
 
@@ -138,7 +144,8 @@ def _way(obj: bpy.types.Object, scene: bpy.types.Scene, pinned: np.ndarray, fram
     for frame in _visited(scene, frames):
         vertices = mesh_arrays(obj, bpy.context.evaluated_depsgraph_get())[0]
         if len(vertices) <= pinned.max():
-            raise UsageError(f"{obj.name} has another number of vertices in frame {frame:g}.", "Switch off the modifier that changes it.")
+            changed = f"{name_of(obj)} has another number of vertices in frame {frame:g}."
+            raise UsageError(changed, "Switch off the modifier that changes it.")
         way.append(vertices[pinned] * metres_per_unit(scene))
     return _unless_still(way)
 

@@ -14,7 +14,7 @@ from ....engine.errors import UsageError
 from ....engine.settings import toml_text
 from ....engine.take import Take
 from ...job.takes import EDIT
-from ...scene_mesh import FIRM, mesh_arrays, pinned_vertices
+from ...scene_mesh import FIRM, mesh_arrays, name_of, pinned_vertices
 from ...scene_units import metres_per_unit
 
 
@@ -45,7 +45,7 @@ def export_mesh(
     """
     vertices, triangles = mesh_arrays(obj, depsgraph)
     if not np.isfinite(vertices).all():
-        raise UsageError(f"{obj.name} has vertices that are nowhere (not a number).", "Delete them, or the modifier that makes them.")
+        raise UsageError(f"{name_of(obj)} has vertices that are nowhere (not a number).", "Delete them, or the modifier that makes them.")
     vertices = vertices * metres_per_unit(depsgraph.scene) + np.asarray(shift)
     path = Path(path)
     Take(path.parent).write_arrays(path.name, {"vertices": vertices, "triangles": triangles})

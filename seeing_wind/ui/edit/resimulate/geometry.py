@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import hashlib
 from array import array
+from collections.abc import Callable
+from typing import Any, TypeVar
 
 import bpy
 
@@ -11,13 +13,15 @@ from ...bake.animation import keyframes
 from ...bake.plan import mark_of
 from ...job.status import digest_of
 
+T = TypeVar("T")
+
 
 def geometry(obj: bpy.types.Object | None) -> tuple:
     """Shape and place of a mesh object before any bake: neither playing a bake nor scrubbing changes it."""
     if obj is None or obj.type != "MESH":
         return ()
     # neither name nor session id: the one changes at a renaming, the other whenever the file is opened
-    return (len(obj.data.vertices), _once(obj, "", lambda: _coordinates(obj.data)), place(obj))
+    return (len(obj.data.vertices), once_per_shape(obj, "", lambda: _coordinates(obj.data)), place(obj))
 
 
 def place(obj: bpy.types.Object) -> list:
@@ -96,7 +100,9 @@ def weights(obj: bpy.types.Object, group: str) -> str:
     if found is None:
         return ""
     index = found.index
-    return _once(obj, group, lambda: digest_of([(v.index, g.weight) for v in obj.data.vertices for g in v.groups if g.group == index]))
+    return once_per_shape(
+        obj, group, lambda: digest_of([(v.index, g.weight) for v in obj.data.vertices for g in v.groups if g.group == index])
+    )
 
 
 def _coordinates(mesh: bpy.types.Mesh) -> str:
@@ -110,11 +116,12 @@ def forget_geometry() -> None:
     _known.clear()
 
 
-_known: dict[tuple[int, str], str] = {}
-"""Digests of meshes and weights, by session id: computed once, and again after Blender said that the mesh has changed."""
+_known: dict[tuple[int, str], Any] = {}
+"""What is known of meshes and weights, by session id: computed once, and again after Blender said that the mesh has changed."""
 
 
-def _once(obj: bpy.types.Object, what: str, compute) -> str:
+def once_per_shape(obj: bpy.types.Object, what: str, compute: Callable[[], T]) -> T:
+    """What `compute` says of an object's mesh; called again only after the mesh, or its weights, have changed."""
     key = (obj.data.session_uid, what)
     if key not in _known:
         _known[key] = compute()

@@ -1,4 +1,8 @@
-"""Field objects that were duplicated: Blender's copy reads the texture of its original, and turns with it. It gets one of its own."""
+"""Field objects that were duplicated: Blender's copy reads the texture of its original, and turns with it. It gets one of its own.
+
+A wind that was dragged or appended from the library, without an operator of ours, gets its arrows in the same way, and those of one that
+was deleted go.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +11,7 @@ import contextlib
 import bpy
 from bpy.app.handlers import persistent
 
-from ..display import CARRIED, KIND, is_field, stride_of
+from ..display import CARRIED, KIND, has_lost_field, is_field, lacks_arrows, stride_of
 
 
 def copies_in(scene: bpy.types.Scene) -> list[bpy.types.Object]:
@@ -37,6 +41,9 @@ def make_independent(field: bpy.types.Object) -> None:
 
 def _make_all_independent() -> float | None:
     """Of every scene, once Blender is out of the operator that made the copies; seconds to wait where they are still being moved."""
+    from ...recover.renew_in_place import discard
+    from .arrows import show_arrows  # needs NumPy
+
     windows = bpy.context.window_manager.windows
     if any(operator.bl_idname.startswith("TRANSFORM_") for window in windows for operator in window.modal_operators):
         return 0.2
@@ -44,6 +51,10 @@ def _make_all_independent() -> float | None:
         for field in copies_in(scene) if scene.library is None else ():
             with contextlib.suppress(ReferenceError):
                 make_independent(field)
+        for field in [obj for obj in scene.objects if lacks_arrows(obj)] if scene.library is None else ():
+            show_arrows(scene, field)
+        for arrows in [obj for obj in scene.objects if has_lost_field(obj, scene)] if scene.library is None else ():
+            discard(arrows)
     return None
 
 
@@ -51,7 +62,10 @@ def _make_all_independent() -> float | None:
 def _after_change(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None = None, *_: object) -> None:
     updates = depsgraph.updates if depsgraph is not None else ()
     changed = (update.id.original for update in updates if isinstance(update.id, bpy.types.Object))
-    if any(_is_copy(obj) for obj in changed) and not bpy.app.timers.is_registered(_make_all_independent):
+    due = any(_is_copy(obj) or lacks_arrows(obj) for obj in changed)
+    if any(isinstance(update.id, (bpy.types.Scene, bpy.types.Collection)) for update in updates):  # something may have been deleted
+        due = due or any(has_lost_field(obj, scene) for obj in scene.objects)
+    if due and not bpy.app.timers.is_registered(_make_all_independent):
         # not at once: Blender allows no new data while it evaluates
         bpy.app.timers.register(_make_all_independent, first_interval=0.0)
 

@@ -53,6 +53,7 @@ def take_down(scene: bpy.types.Scene, collection: bpy.types.Collection, shelf: P
     """
     from ..conform import set_stride  # needs NumPy
     from ..samples import samples_of
+    from .arrows import show_arrows
 
     path = shelf / BLEND
     if name not in [each.name for each in entries(shelf)] or not path.is_file():
@@ -68,6 +69,7 @@ def take_down(scene: bpy.types.Scene, collection: bpy.types.Collection, shelf: P
     for modifier in samples_of(field).modifiers:
         if modifier_input(modifier, "First Frame") is not None:
             set_input(modifier, "First Frame", scene.frame_start)
+    show_arrows(scene, field)
     set_stride(field, frames_per_second(scene) / field["seeing_wind_fps"])
     return field
 

@@ -14,6 +14,7 @@ and scale its three coordinates at once.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import bpy
@@ -106,6 +107,18 @@ def make_texture(name: str, atlas: Atlas, box: np.ndarray, followers: Followers,
     for k, node in enumerate(build.tree.nodes):
         node.location = (180 * (k // 4), -200 * (k % 4))
     return texture
+
+
+def parts_of(texture: bpy.types.Texture | None) -> Iterator[bpy.types.Texture | bpy.types.Image]:
+    """A texture with the textures and images that it shows."""
+    if texture is None:
+        return
+    yield texture
+    for node in texture.node_tree.nodes if texture.use_nodes else ():
+        if node.type == "TEXTURE":
+            yield from parts_of(node.texture)
+    if texture.type == "IMAGE" and texture.image is not None:
+        yield texture.image
 
 
 def remove_texture(texture: bpy.types.Texture | None) -> None:

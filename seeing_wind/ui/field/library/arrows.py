@@ -1,0 +1,38 @@
+"""The arrows of a wind from the library: it comes with its values, of which they are made once it is in a scene."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+
+from ...scene_units import metres_per_unit
+from ..arrows import create_arrows
+from ..conform import set_stride
+from ..display import ARROWS, WIND, stride_of
+from ..lattice import lattice
+from ..samples import read_samples, samples_of
+
+ALONG = 7
+"""Arrows along the longest side of a wind's box."""
+
+
+def show_arrows(scene: bpy.types.Scene, field: bpy.types.Object) -> None:
+    """Give a field object with a wind, whose values are its own, arrows that go with it. They are not rendered.
+
+    All are drawn alike: its confidence is that of one plate's flight, while solvers feel the wind everywhere.
+
+    Args:
+        scene: that the field is in.
+    """
+    samples = samples_of(field)
+    if samples is None:
+        return
+    values, place, unit = read_samples(samples).felt_as(WIND), np.array(field.matrix_basis), metres_per_unit(scene)
+    nodes = lattice(values.box, ALONG)
+    arrows = create_arrows(
+        scene, f"{field.name} Arrows", (nodes @ place[:3, :3].T + place[:3, 3]) * unit, values.at(nodes) @ place[:3, :3].T * unit,
+        frame_start=int(field["seeing_wind_frame_start"]), parent=field, collection=field.users_collection[0], units="m/s",
+    )  # fmt: skip
+    arrows.hide_render, arrows[ARROWS] = True, True
+    field[ARROWS] = arrows
+    set_stride(field, stride_of(field))
