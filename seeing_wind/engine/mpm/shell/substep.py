@@ -25,7 +25,9 @@ from .obstacle import Obstacle
 
 Load = Callable[[np.ndarray, np.ndarray, int], tuple[np.ndarray, np.ndarray | None]]
 """(x (V, 3) [m], v (V, 3) [m/s], frame) -> force on the vertices (V, 3) [N], and its damping (V, 3, 3) [N s/m], symmetric and positive
-semidefinite, or None: at another velocity the force is taken as force - damping (v' - v). `wind.vertex_drag` is of this form."""
+semidefinite, or None: at another velocity the force is taken as force - damping (v' - v). `wind.vertex_drag` is of this form. A substep
+asks for it where its two velocities before lead, so that drag is of second order in dt like all else (Ascher, Ruuth and Wetton 1995,
+SIAM J. Numer. Anal. 32, 797)."""
 
 EXACT = 0.03
 """A Newton iteration that moves no vertex by more than this part of how far gravity moves one in a substep is the last: what is left
@@ -152,9 +154,10 @@ def equations_of(
     """What Newton's method solves for the positions at the end of a substep of dt [s] in frame `frame`, and what the shell then touches."""
     b = 2.0 * dt / 3.0
     coast, velocity = (4.0 * state.x - state.x_before) / 3.0, (4.0 * state.v - state.v_before) / 3.0
-    push, drag = (np.zeros_like(state.x), None) if load is None else load(state.x, state.v, frame)
+    ahead = 2.0 * state.v - state.v_before
+    push, drag = (np.zeros_like(state.x), None) if load is None else load(state.x + dt * state.v, ahead, frame)
     if drag is not None:
-        push = push + np.einsum("vij,vj->vi", drag, state.v)
+        push = push + np.einsum("vij,vj->vi", drag, ahead)
     lag = shell.sheet.retardation / dt
     contact = Contact.near(obstacles, state.x, state.x + dt * state.v, shell.mass / b**2, dt, shell.sheet.thickness)
     goal = coast + b * velocity + b**2 * np.asarray(gravity)

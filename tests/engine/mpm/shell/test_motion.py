@@ -180,6 +180,26 @@ def test_strong_drag_carries_a_light_sheet_with_the_air(make):
     np.testing.assert_allclose(state.v, np.broadcast_to(wind, state.v.shape), atol=0.01)
 
 
+def test_quadratic_drag_is_of_second_order_in_the_substep(make):
+    """A plate across the wind, from rest: v(t) = u (1 - 1 / (1 + k u t)) with k = drag / mass."""
+    shell = shell_of(*make["grid"](0.2, 0.2, 4, 4), STIFF)
+    k, u, end = 1.3, np.array([0.0, 4.0, 0.0]), 0.48
+
+    def load(x, v, frame):
+        off = u - v
+        damping = (k * shell.mass * np.linalg.norm(off, axis=1))[:, None, None] * np.eye(3)
+        return np.einsum("vij,vj->vi", damping, off), damping
+
+    errors = []
+    for steps in (24, 48, 96):
+        dt = end / steps
+        state = at_rest(shell, acceleration=np.broadcast_to(k * np.abs(u) * u, shell.surface.x.shape), dt=dt)
+        for _ in range(steps):
+            state, _ = advance(shell, state, dt=dt, gravity=NONE, load=load)
+        errors.append(abs(state.v[:, 1].mean() - 4.0 * (1.0 - 1.0 / (1.0 + k * 4.0 * end))))
+    assert errors[0] < 0.02 and errors[1] < 0.35 * errors[0] and errors[2] < 0.35 * errors[1]
+
+
 def test_a_load_that_is_not_finite_stops_with_the_frame(make):
     shell = shell_of(*make["grid"](0.2, 0.2, 2, 2), SHEETS["silk"])
     with pytest.raises(SimulationError) as caught:
