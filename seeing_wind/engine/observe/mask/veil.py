@@ -12,6 +12,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from .cutting import grown
 from .motion import Flow, Window, cut, joined, paste, placed, window_of
 
 THICK = 5
@@ -131,6 +132,54 @@ class Beside:
         """Go on from what `state` gave."""
         x0, y0, x1, y1 = (int(value) for value in state["beside_window"])
         self._part, self._window = state["beside"], (x0, y0, x1, y1)
+
+
+class Along:
+    """Another thing that moves along with the object, as a hand that holds it does: known in frame 0, then carried by the flow, whatever is
+    behind it."""
+
+    def __init__(self, mask: np.ndarray | None) -> None:
+        """`mask` (H, W) bool: the other thing in frame 0, if there is one."""
+        self._part, self._window = np.zeros((0, 0), bool), (0, 0, 0, 0)
+        if mask is not None and mask.any():
+            self._window = window_of(mask, 0)
+            self._part = cut(mask, self._window).copy()
+
+    def move(self, flow: Flow | None, sought: Window) -> None:
+        """Each pixel by the `flow` to the next frame, in the window `sought` alone; where the object is hidden, without one, it stays."""
+        if flow is None or not self._part.any():
+            return
+        inside = placed(self._part, self._window, sought)
+        rows, columns = np.nonzero(inside)
+        to = np.stack([columns, rows], axis=1) + np.rint(flow.over(sought)[rows, columns]).astype(np.int64)
+        size = np.array(inside.shape[::-1])
+        to = to[((to >= 0) & (to < size)).all(axis=1)]
+        part = np.zeros(inside.shape, np.uint8)
+        part[tuple(to.T[::-1])] = 1
+        # Pixels drift apart where it grows.
+        self._part, self._window = cv2.morphologyEx(part, cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8)) > 0, sought
+
+    def over(self, where: Window) -> np.ndarray:
+        """(h, w) bool in a window."""
+        return placed(self._part, self._window, where)
+
+    def keep(self, differs: np.ndarray, found: np.ndarray, where: Window) -> None:
+        """After a frame: what `differs` from the background beside it is more of it, what is `found` to be the object is not, (h, w) bool in
+        the window `where`."""
+        if not self._part.any():
+            return
+        both = joined(self._window, where)
+        part, differs, found = placed(self._part, self._window, both), placed(differs, where, both), placed(found, where, both)
+        self._part, self._window = (part | grown(part) & differs) & ~found, both
+
+    def state(self) -> dict[str, np.ndarray]:
+        """All that the frames to come depend on."""
+        return {"along": self._part, "along_window": np.array(self._window)}
+
+    def resume(self, state: dict[str, np.ndarray]) -> None:
+        """Go on from what `state` gave."""
+        x0, y0, x1, y1 = (int(value) for value in state["along_window"])
+        self._part, self._window = state["along"], (x0, y0, x1, y1)
 
 
 def out_again(differs: np.ndarray, carried: np.ndarray, band: float) -> np.ndarray:
