@@ -65,7 +65,7 @@ def follow(
     """Masks (T+1, H, W) and tracks, in one pass over the clip, or two where the body's silhouette has to serve as a track.
 
     `outlines` (T+1, H, W), where they are known already, are the masks; `mask` (H, W) bool is that of frame 0 in any case. `flows`: how
-    the object moves, as far as that is known; `other` (H, W) bool: another thing that moves along, see `beyond_box`.
+    the object moves, as far as that is known; `other` (H, W) bool: another thing that moves along, see `veil.beyond_box`.
     """
     frames = clip.frames
     given: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None

@@ -12,10 +12,11 @@ from ..clip.stored import Frames
 from .background import Plate, plate_behind, seen_first
 from .evidence import Contrast
 from .follow import MaskFollower
-from .from_box import NEARBY, Moving, beyond_box, refined
+from .from_box import NEARBY, Moving, refined
 from .motion import Flows, window_of, within
 from .rim import boxed_in, cut_back
 from .through import followed
+from .veil import beyond_box
 
 ROUGH_PIXELS = 40_000
 """Pixels of the object's bounding box beyond which it is followed in smaller frames first, to see what is behind it."""
@@ -38,7 +39,7 @@ def with_background(
     journal: Journal,
 ) -> tuple[np.ndarray, Plate, Contrast | None, Flows | None, np.ndarray]:
     """The outline of frame 0, the background, how the object differs from it, each found again by the others, how it moves, and what other
-    thing moves along with it, see `beyond_box`.
+    thing moves along with it, see `veil.beyond_box`.
 
     The object, followed roughly, shows what is behind it.
 
@@ -65,6 +66,7 @@ def with_background(
             contrast = Contrast(plate, ((frames[int(t)], masks[int(t)]) for t in some))
             stayed = stays(frames[0], masks, Plate(median, np.ones_like(mask), plate.noise)) & allowed
     if motion is not None:
+        other = beyond_box(frames[0], mask, around, plate, moving)
         found = refined(frames[0], mask | stayed, plate, allowed, motion, other, contrast)
         mask = cut_back(frames[0], boxed_in(frames[0], found, around, plate), plate)
     return mask, plate, contrast, flows, other

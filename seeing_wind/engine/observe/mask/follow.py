@@ -228,7 +228,9 @@ class MaskFollower:
             if seen is not None:
                 differs, own = seen[1] & (seen[0] > 0.0), cut(found, near, cv2.BORDER_CONSTANT)
                 self._beside.keep(differs, own, around)
-                self._along.keep(differs, own, around)
+                if self._along.any():
+                    unlike = self._colors.odds(cut(frame, around)) < 0.0
+                    self._along.keep(differs & unlike, seen[1] & ~differs, own, around)
         return found, background
 
     def _with_what_grew_back(

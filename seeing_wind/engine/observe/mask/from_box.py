@@ -51,15 +51,6 @@ STILL_PART = -1.4
 NEARBY = 16
 """Pixels round a box that are looked at, too."""
 
-FAR = 8
-"""Pixels outside a box from which dense flow, a codec's traces and the rim of a thing that fills the box do not reach."""
-
-WIDE = 0.1
-"""Length of a box's border across what goes on beyond it, in units of the root of the object's area, at least."""
-
-COMMONER = 0.7
-"""Log odds from which a colour is another thing's: twice as common outside the box as in the object."""
-
 NEITHER = "Mark the object in the first frame by --box, --points, or --mask with a PNG."
 
 
@@ -85,7 +76,7 @@ def mask_in_box(
     crop, boxed = cut(frame, window), cut(inside, window)
     motion = behind = None
     if plate is not None and moving is not None:
-        motion, behind = np.zeros(boxed.shape, np.float32), _left(frame, plate, window)
+        motion, behind = np.zeros(boxed.shape, np.float32), left(frame, plate, window)
         near = within(window_of(inside, NEARBY), frame)
         paste(motion, moving(near), (near[0] - window[0], near[1] - window[1], near[2] - window[0], near[3] - window[1]))
     found = _begun(crop, boxed, motion, behind, progress)
@@ -179,7 +170,7 @@ def moving_odds(frames: Frames, window: Window, noise: float) -> np.ndarray:
     return cv2.resize(odds, size, interpolation=cv2.INTER_LINEAR) if scale < 1.0 else odds
 
 
-def _left(frame: np.ndarray, plate: Plate, window: Window) -> np.ndarray:
+def left(frame: np.ndarray, plate: Plate, window: Window) -> np.ndarray:
     """Log odds (h, w) in `window` for what differs from the background, against shadows and blurred rims; 0 where nothing differs."""
     odds, known = against_plate(frame, plate, window, Contrast(), 0.0)
     return np.where(known, np.minimum(odds, MOTION_SURE), 0.0).astype(np.float32)
@@ -217,7 +208,7 @@ def refined(
     """The object in `frame` (H, W, 3), frame 0, found again with the background known, within `allowed` (H, W) bool.
 
     `mask` (H, W) bool: where it was found before; `motion` (h, w): `moving_odds` in the window of `allowed` and NEARBY pixels
-    round it, as far as the frame goes; `other` (H, W) bool: see `beyond_box`.
+    round it, as far as the frame goes; `other` (H, W) bool: see `veil.beyond_box`.
     """
     band = band_of(float(mask.sum()))
     window = within(window_of(allowed, NEARBY), frame)
@@ -228,7 +219,8 @@ def refined(
     # What never changes may be a part of the object that is held: its colour can outweigh that, here alone.
     expected = against_shape(shape, band)
     expected = np.where(enclosed(shape), np.maximum(expected, 0.0), expected)
-    apart = cut(other, window, cv2.BORDER_CONSTANT)
+    # Flow runs on over what is known to be background.
+    apart = cut(other, window, cv2.BORDER_CONSTANT) & ~(known & (odds < 0.0))
     # Beside another thing that moves along, what is no background and moves may be either: there colours tell.
     either = grown(apart)
     known &= ~(either & (odds > 0.0))
@@ -239,49 +231,6 @@ def refined(
     better = np.zeros_like(mask)
     paste(better, found, window)
     return better if better.sum() >= max(LEAST_PIXELS, 0.3 * mask.sum()) else mask
-
-
-def beyond_box(frame: np.ndarray, mask: np.ndarray, inside: np.ndarray, plate: Plate, moving: Moving) -> np.ndarray:
-    """Another thing (H, W) bool that moves with the object and goes on outside the box `inside` (H, W) bool: a hand that holds it.
-
-    A box holds all of the object. So what moves outside it, beyond what flow and a codec smear, is something else, and so is what hangs
-    together with that in the box and has colours that are commoner there than in the object `mask` (H, W) bool.
-    """
-    other = np.zeros_like(mask)
-    near = within(window_of(inside, NEARBY), frame)
-    moves = np.zeros_like(mask)
-    paste(moves, moving(near) + _left(frame, plate, near) > 0.0, near)
-    edge = inside & (cv2.erode(inside.astype(np.uint8), np.ones((5, 5), np.uint8)) == 0)
-    _, labels = cv2.connectedComponents((moves & inside | mask).astype(np.uint8), connectivity=4)
-    reaching = edge & moves & np.isin(labels, np.unique(labels[mask]))
-    if reaching.sum() < 2 * WIDE * np.sqrt(mask.sum()):
-        return other
-    x0, y0, x1, y1 = window_of(inside, 0)
-    window = within((x0 - (x1 - x0) // 2, y0 - (y1 - y0) // 2, x1 + (x1 - x0) // 2, y1 + (y1 - y0) // 2), frame)
-    crop, boxed = cut(frame, window), cut(inside, window)
-    likely = moving(window) + _left(frame, plate, window) > 0.0
-    off = cv2.distanceTransform((~boxed).astype(np.uint8), cv2.DIST_L2, 5)
-    reached = cv2.dilate(cut(reaching, window).astype(np.uint8), np.ones((7, 7), np.uint8)) > 0
-
-    def goes_on(outside: np.ndarray) -> np.ndarray:
-        """The parts of `outside` (h, w) bool that come out of the box and lead away from it."""
-        count, labels = cv2.connectedComponents(outside.astype(np.uint8), connectivity=4)
-        far = np.bincount(labels[outside & (off > FAR)], minlength=count) > 0
-        crossing = np.bincount(labels[outside & (off <= 2.0) & reached], minlength=count) / 2.0
-        return (far & (crossing > WIDE * np.sqrt(mask.sum())))[labels] & outside
-
-    def unlike(one: np.ndarray, rest: np.ndarray) -> np.ndarray:
-        """(h, w) bool: colours that are commoner in `one` (h, w) bool than in the `rest` (h, w) bool."""
-        odds = cv2.GaussianBlur(Colors(crop[one], crop[rest]).odds(crop), (0, 0), 1.5) > COMMONER
-        return cv2.morphologyEx(odds.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)) > 0
-
-    ring = goes_on(likely & ~boxed)
-    if not ring.any():
-        return other
-    whole = ring | (boxed & likely & unlike(ring, cut(mask, window)))
-    count, labels = cv2.connectedComponents(whole.astype(np.uint8), connectivity=4)
-    paste(other, (np.bincount(labels[ring], minlength=count) > 0)[labels] & whole, window)
-    return other
 
 
 def _beyond_box(mask: np.ndarray, inside: np.ndarray, frame: np.ndarray, plate: Plate, progress: Progress) -> np.ndarray:
