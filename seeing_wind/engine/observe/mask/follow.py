@@ -269,7 +269,7 @@ class MaskFollower:
             odds = np.minimum(odds, CARRIED_BLIND) + colors
         else:
             behind, known = plate
-            other = self._beside.over(where) | self._along.over(where)
+            other = self._beside.over(where) | (self._along.over(where) & (colors < 0.0))
             if other.any():
                 # Beside another thing that moves, what is no background may be either: there colours tell.
                 known = known & ~((behind > 0.0) & grown(other))

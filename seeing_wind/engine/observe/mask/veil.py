@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from .background import Plate
-from .cutting import grown
+from .cutting import enclosed, grown
 from .evidence import Colors
 from .from_box import FEW, NEARBY, Moving, left
 from .motion import Flow, Window, cut, joined, paste, placed, window_of, within
@@ -187,7 +187,7 @@ class Along:
         `found` to be the object."""
         both = joined(self._window, where)
         part, (more, background, found) = self.over(both), (placed(one, where, both) for one in (more, background, found))
-        self._part, self._window = (part & ~background | grown(part) & more) & ~found, both
+        self._part, self._window = (part & ~background | grown(part) & more & ~enclosed(found)) & ~found, both
 
     def state(self) -> dict[str, np.ndarray]:
         """All that the frames to come depend on."""
