@@ -54,3 +54,18 @@ def test_it_stands_still_though_every_sharp_thing_moves_by_itself() -> None:
 def test_it_moves_where_it_carries_the_meadow_along(pixels: float) -> None:
     path = pixels * np.stack([np.arange(COUNT), 0.5 * np.arange(COUNT)], axis=1)
     assert not stands_still(leaves(np.round(path)), CAMERA, NOWHERE)
+
+
+@pytest.mark.parametrize("width", [130, 160])
+def test_one_large_thing_that_moves_has_no_more_say_than_its_place(width: int) -> None:
+    """A patterned slab with all the sharp corners in it slides over much of a wall that stays."""
+    rng = np.random.default_rng(2)
+    wall = noise(rng, (HEIGHT, WIDTH), (40, 40, 36), (220, 216, 210), 5.0)
+    slab = noise(rng, (HEIGHT, 2 * WIDTH), (10, 10, 20), (250, 240, 230), 1.5)
+    frames = []
+    for t in range(COUNT):
+        frame, left = wall.copy(), 110 + 5 * t
+        frame[20:220, left : left + width] = slab[20:220, : min(width, WIDTH - left)]
+        frames.append(frame)
+    seen = np.clip(np.round(np.stack(frames) + rng.normal(0, 1.0, (COUNT, HEIGHT, WIDTH, 3))), 0, 255).astype(np.uint8)
+    assert stands_still(seen, CAMERA, NOWHERE)

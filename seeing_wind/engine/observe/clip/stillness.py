@@ -27,6 +27,12 @@ TELLING_PART = 0.01
 STAYS_PART = 2.0 / 3.0
 """Part of such pixels that standing still has to explain better: of a motion that nothing has, about half are explained worse."""
 
+BLOCKS = 8
+"""Parts of the frame along each side that count alike: a camera that moves carries all of them, one large thing that moves only some."""
+
+TELLING_BLOCK = 0.02
+"""Least part of a block in pixels that tell for it to count."""
+
 
 def stands_still(frames: Frames, camera: Camera, around: np.ndarray) -> bool:
     """True when the camera does not move over the clip.
@@ -83,7 +89,7 @@ def _stays(frames: Frames, moves: dict[int, np.ndarray], around: np.ndarray) -> 
         return cv2.absdiff(one, other).max(axis=2)
 
     off = cv2.resize((~around).astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
-    first, better, telling = seen(0), 0, 0
+    first, stays, telling = seen(0), list[np.ndarray](), 0
     for t, motion in moves.items():
         matrix = motion.copy()
         # Pixel centres are at integers.
@@ -91,5 +97,8 @@ def _stays(frames: Frames, moves: dict[int, np.ndarray], around: np.ndarray) -> 
         carried, now = cv2.warpAffine(first, matrix, size, borderMode=cv2.BORDER_REPLICATE), seen(t)
         tells = off & (away(carried, first) > TELLS)
         telling += int(tells.sum())
-        better += int((away(now, first) < away(now, carried))[tells].sum())
-    return telling > TELLING_PART * first[..., 0].size and better > STAYS_PART * telling
+        better = tells & (away(now, first) < away(now, carried))
+        told, stood = (cv2.resize(one.astype(np.float32), (BLOCKS, BLOCKS), interpolation=cv2.INTER_AREA) for one in (tells, better))
+        stays.append(stood[told > TELLING_BLOCK] / told[told > TELLING_BLOCK])
+    shares = np.concatenate(stays)
+    return telling > TELLING_PART * first[..., 0].size and len(shares) > 0 and float(np.median(shares)) > STAYS_PART

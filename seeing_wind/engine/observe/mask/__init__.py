@@ -7,7 +7,7 @@
     corrected.py   the user's corrections in any frame, taken along to the others
     follow.py      carried from one frame to the next
     through.py     that through the whole clip
-    veil.py        what a still thing in front hides of it, and what else moves beside it
+    veil.py        what a still thing in front hides of it, and what else moves beside it or holds it
     rim.py         without the shadow that hangs on it, and cut in the middle of its blur
     motion.py      how the object moved between two frames, and that of a whole clip, found in one pass over it for the next
     by_turns.py    frame 0 and the background, each found by the other

@@ -16,6 +16,7 @@ from .from_box import NEARBY, Moving, refined
 from .motion import Flows, window_of, within
 from .rim import boxed_in, cut_back
 from .through import followed
+from .veil import beyond_box
 
 ROUGH_PIXELS = 40_000
 """Pixels of the object's bounding box beyond which it is followed in smaller frames first, to see what is behind it."""
@@ -36,8 +37,9 @@ def with_background(
     around: np.ndarray,
     progress: Progress,
     journal: Journal,
-) -> tuple[np.ndarray, Plate, Contrast | None, Flows | None]:
-    """The outline of frame 0, the background, how the object differs from it, each found again by the others, and how it moves.
+) -> tuple[np.ndarray, Plate, Contrast | None, Flows | None, np.ndarray]:
+    """The outline of frame 0, the background, how the object differs from it, each found again by the others, how it moves, and what other
+    thing moves along with it, see `veil.beyond_box`.
 
     The object, followed roughly, shows what is behind it.
 
@@ -51,11 +53,12 @@ def with_background(
     median = plate.color
     motion = moving(within(window_of(allowed, NEARBY), mask)) if boxed else None
     plate = seen_first(plate, frames, mask, around if settings.box is not None else mask)
+    other = beyond_box(frames[0], mask, around, plate, moving) if boxed else np.zeros_like(mask)
     if motion is not None:
-        mask = boxed_in(frames[0], refined(frames[0], mask, plate, allowed, motion), around, plate)
+        mask = boxed_in(frames[0], refined(frames[0], mask & ~other, plate, allowed, motion, other), around, plate)
     contrast, flows, stayed = None, None, np.zeros_like(mask)
     if not settings.mask_model:
-        masks, flows = _roughly(frames, mask, plate, progress, journal)
+        masks, flows = _roughly(frames, mask, other, plate, progress, journal)
         if areas(masks)[1:].any():
             plate = plate_behind(frames, masks, plate, median, progress)
             seen = np.flatnonzero(areas(masks))
@@ -63,9 +66,10 @@ def with_background(
             contrast = Contrast(plate, ((frames[int(t)], masks[int(t)]) for t in some))
             stayed = stays(frames[0], masks, Plate(median, np.ones_like(mask), plate.noise)) & allowed
     if motion is not None:
-        found = refined(frames[0], mask | stayed, plate, allowed, motion, contrast)
+        other = beyond_box(frames[0], mask, around, plate, moving)
+        found = refined(frames[0], mask | stayed, plate, allowed, motion, other, contrast)
         mask = cut_back(frames[0], boxed_in(frames[0], found, around, plate), plate)
-    return mask, plate, contrast, flows
+    return mask, plate, contrast, flows, other
 
 
 def stays(first: np.ndarray, masks: Masks, median: Plate) -> np.ndarray:
@@ -76,7 +80,9 @@ def stays(first: np.ndarray, masks: Masks, median: Plate) -> np.ndarray:
     return (count > STAYED * len(masks)) & (median.difference(first) < 4.0 * median.noise)
 
 
-def _roughly(frames: Frames, mask: np.ndarray, plate: Plate, progress: Progress, journal: Journal) -> tuple[Masks, Flows | None]:
+def _roughly(
+    frames: Frames, mask: np.ndarray, other: np.ndarray, plate: Plate, progress: Progress, journal: Journal
+) -> tuple[Masks, Flows | None]:
     """Masks (T+1, H, W) good enough to show what is behind the object. A large one is followed in smaller frames, and its motion kept.
 
     That of a small object costs little, and is sought again where its outline is better known.
@@ -94,10 +100,10 @@ def _roughly(frames: Frames, mask: np.ndarray, plate: Plate, progress: Progress,
         return cv2.resize(found.astype(np.uint8) * 255, full, interpolation=cv2.INTER_LINEAR) >= 128
 
     behind = Plate(small(plate.color), small(plate.reliable.astype(np.uint8) * 255) == 255, plate.noise)
-    first = small(mask.astype(np.uint8) * 255) >= 128
+    first, along = (small(one.astype(np.uint8) * 255) >= 128 for one in (mask, other))
     flows = None
     if scale < 1.0:
         flows = Flows(lambda t: cv2.cvtColor(small(frames[t]), cv2.COLOR_RGB2GRAY), (full[0] / size[0], full[1] / size[1]))
-    follower = MaskFollower(small(frames[0]), first, behind, progress, kept=flows)
+    follower = MaskFollower(small(frames[0]), first, behind, progress, kept=flows, other=along)
     found = followed(lambda t: small(frames[t]), len(frames), follower, progress.part(0.1, 0.3), journal.loop("follow roughly"))
     return (found if scale == 1.0 else Masks.of(large(found[t]) if t else mask for t in range(len(found)))), flows

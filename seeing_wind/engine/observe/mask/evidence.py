@@ -25,6 +25,9 @@ SURE = 4.0
 SMALL = 400
 """Pixels below which an object has too few colours and too small an inside for flow and GrabCut."""
 
+APART = 4.0
+"""Log odds against another thing beside the object."""
+
 OUTSIDE = -50.0
 """Log odds of what is certainly not the object."""
 

@@ -8,10 +8,10 @@ import numpy as np
 from ...progress import Progress
 from .background import Plate
 from .cutting import LEAST_PIXELS, grown, tidy
-from .evidence import SMALL, Colors, Contrast, against_plate, against_shape, band_of, cut_out
+from .evidence import APART, SMALL, Colors, Contrast, against_plate, against_shape, band_of, cut_out
 from .motion import Flow, Flows, FlowSolver, Window, body_shift, cut, joined, middle_of, paste, placed, window_of, within
 from .rim import cut_back
-from .veil import Beside, Veil, adjoining, out_again
+from .veil import Along, Beside, Veil, adjoining, out_again
 
 LOST = 0.3
 """A mask smaller than this part of what was expected means hidden or gone, and the shape seen last is kept for the search."""
@@ -26,9 +26,6 @@ what is wrong in it goes away again."""
 
 WHOLE, SURELY = 0.8, 2.0
 """Part of the object's largest silhouette below which the rest of it is looked for, and its least log odds against the background."""
-
-APART = 4.0
-"""Log odds against what moved otherwise beside the object in the frame before."""
 
 FILTERS = 8
 """Pixels that filters reach beyond what they are asked for."""
@@ -59,11 +56,12 @@ class MaskFollower:
         trim: bool = False,
         known: Flows | None = None,
         kept: Flows | None = None,
+        other: np.ndarray | None = None,
     ) -> None:
         """`frame` (H, W, 3) uint8 RGB and `mask` (H, W) bool of frame 0; `progress` is asked several times a frame.
 
         `contrast`: how the object differs from the plate; None learns it from frame 0. `trim`: masks end in the middle of a blurred rim.
-        `known`: motion that a former pass found, `kept`: takes what this one finds.
+        `known`: motion that a former pass found, `kept`: takes what this one finds. `other` (H, W) bool: another thing that may move along.
         """
         self._trim, self._known, self._kept = trim, known, kept
         self._progress = progress
@@ -81,7 +79,7 @@ class MaskFollower:
         self._missed = 0
         self._most = float(mask.sum())
         self._veil = Veil(mask)
-        self._beside = Beside()
+        self._beside, self._along = Beside(), Along(other)
         self.mask = mask
         self.velocity = np.zeros(2)
         self.hidden = False
@@ -105,6 +103,7 @@ class MaskFollower:
         motion = self._motion(shift)
         self._veil.move(motion)
         self._beside.move(self.flow, motion)
+        self._along.move(self.flow, wide)
         carried, where = self._carry(shift, margin)
         carried, where = self._with_what_is_out_again(frame, carried, where)
         found, background = self._silhouette(frame, carried, where)
@@ -129,7 +128,7 @@ class MaskFollower:
             "template": self._template,
             "velocity": self.velocity,
             "counts": np.array([self._steps, self._missed, self.hidden, self._most]),
-        } | self._veil.state() | self._beside.state() | (self._kept.state() if self._kept is not None else {})
+        } | self._veil.state() | self._beside.state() | self._along.state() | (self._kept.state() if self._kept is not None else {})
 
     def resume(self, frame: np.ndarray, mask: np.ndarray, state: dict[str, np.ndarray]) -> None:
         """See `through.Follower.resume`."""
@@ -141,6 +140,7 @@ class MaskFollower:
         self._gray, self.mask, self.flow = cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY), mask, None
         self._veil.resume(state)
         self._beside.resume(state)
+        self._along.resume(state)
         if self._kept is not None:
             self._kept.resume(state)
 
@@ -226,7 +226,11 @@ class MaskFollower:
                 paste(background, seen[1] & (seen[0] < 0.0), near)
             paste(found, self._cut_out(frame, cut(carried, near, cv2.BORDER_CONSTANT), around, band, seen), near)
             if seen is not None:
-                self._beside.keep(seen[1] & (seen[0] > 0.0), cut(found, near, cv2.BORDER_CONSTANT), around)
+                differs, own = seen[1] & (seen[0] > 0.0), cut(found, near, cv2.BORDER_CONSTANT)
+                self._beside.keep(differs, own, around)
+                if self._along.any():
+                    unlike = self._colors.odds(cut(frame, around)) < 0.0
+                    self._along.keep(differs & unlike, seen[1] & ~differs, own, around)
         return found, background
 
     def _with_what_grew_back(
@@ -265,7 +269,7 @@ class MaskFollower:
             odds = np.minimum(odds, CARRIED_BLIND) + colors
         else:
             behind, known = plate
-            other = self._beside.over(where)
+            other = self._beside.over(where) | (self._along.over(where) & (colors < 0.0))
             if other.any():
                 # Beside another thing that moves, what is no background may be either: there colours tell.
                 known = known & ~((behind > 0.0) & grown(other))

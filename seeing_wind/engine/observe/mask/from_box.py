@@ -13,8 +13,8 @@ from ...errors import ObjectError, UsageError
 from ...progress import Progress
 from ..clip.stored import Frames
 from .background import Plate, largest
-from .cutting import LEAST_PIXELS, enclosed, grab_cut, tidy
-from .evidence import OUTSIDE, Colors, Contrast, against_plate, against_shape, band_of, cut_out
+from .cutting import LEAST_PIXELS, enclosed, grab_cut, grown, tidy
+from .evidence import APART, OUTSIDE, Colors, Contrast, against_plate, against_shape, band_of, cut_out
 from .motion import Window, cut, paste, window_of, within
 
 CUT_OFF = (0.08, 1.0)
@@ -76,7 +76,7 @@ def mask_in_box(
     crop, boxed = cut(frame, window), cut(inside, window)
     motion = behind = None
     if plate is not None and moving is not None:
-        motion, behind = np.zeros(boxed.shape, np.float32), _left(frame, plate, window)
+        motion, behind = np.zeros(boxed.shape, np.float32), left(frame, plate, window)
         near = within(window_of(inside, NEARBY), frame)
         paste(motion, moving(near), (near[0] - window[0], near[1] - window[1], near[2] - window[0], near[3] - window[1]))
     found = _begun(crop, boxed, motion, behind, progress)
@@ -170,7 +170,7 @@ def moving_odds(frames: Frames, window: Window, noise: float) -> np.ndarray:
     return cv2.resize(odds, size, interpolation=cv2.INTER_LINEAR) if scale < 1.0 else odds
 
 
-def _left(frame: np.ndarray, plate: Plate, window: Window) -> np.ndarray:
+def left(frame: np.ndarray, plate: Plate, window: Window) -> np.ndarray:
     """Log odds (h, w) in `window` for what differs from the background, against shadows and blurred rims; 0 where nothing differs."""
     odds, known = against_plate(frame, plate, window, Contrast(), 0.0)
     return np.where(known, np.minimum(odds, MOTION_SURE), 0.0).astype(np.float32)
@@ -197,12 +197,18 @@ def _begun(crop: np.ndarray, boxed: np.ndarray, motion: np.ndarray | None, behin
 
 
 def refined(
-    frame: np.ndarray, mask: np.ndarray, plate: Plate, allowed: np.ndarray, motion: np.ndarray, contrast: Contrast | None = None
+    frame: np.ndarray,
+    mask: np.ndarray,
+    plate: Plate,
+    allowed: np.ndarray,
+    motion: np.ndarray,
+    other: np.ndarray,
+    contrast: Contrast | None = None,
 ) -> np.ndarray:
     """The object in `frame` (H, W, 3), frame 0, found again with the background known, within `allowed` (H, W) bool.
 
     `mask` (H, W) bool: where it was found before; `motion` (h, w): `moving_odds` in the window of `allowed` and NEARBY pixels
-    round it, as far as the frame goes.
+    round it, as far as the frame goes; `other` (H, W) bool: see `veil.beyond_box`.
     """
     band = band_of(float(mask.sum()))
     window = within(window_of(allowed, NEARBY), frame)
@@ -213,7 +219,13 @@ def refined(
     # What never changes may be a part of the object that is held: its colour can outweigh that, here alone.
     expected = against_shape(shape, band)
     expected = np.where(enclosed(shape), np.maximum(expected, 0.0), expected)
-    odds = 0.5 * expected + np.where(known, odds + 0.6 * colors, colors + np.where(motion > 0.0, BLEEDS, 1.0) * motion)
+    # Flow runs on over what is known to be background.
+    apart = cut(other, window, cv2.BORDER_CONSTANT) & ~(known & (odds < 0.0))
+    # Beside another thing that moves along, what is no background and moves may be either: there colours tell.
+    either = grown(apart)
+    known &= ~(either & (odds > 0.0))
+    odds = np.where(known, odds + 0.6 * colors, colors + np.where(motion > 0.0, np.where(either, 0.0, BLEEDS), 1.0) * motion)
+    odds = 0.5 * expected + odds - np.where(apart, APART, 0.0)
     odds[~cut(allowed, window, cv2.BORDER_CONSTANT)] = OUTSIDE
     found = tidy(cut_out(odds, crop, float(shape.sum())), shape)
     better = np.zeros_like(mask)

@@ -1,5 +1,5 @@
 """What something still in front of the object hides of it, carried along with what is seen, so that it is known again on the other side;
-and what else moves beside the object, carried along too, so that it is known to be another thing where the two touch.
+and what else moves beside the object, or holds it, carried along too, so that it is known to be another thing where the two touch.
 
 Such a thing, a post or a branch, is a part of the background. Where it hides the object, the frame looks as the background does, and
 the carried silhouette ends. What comes out behind it lies farther away than a silhouette can be off, and would grow back slowly.
@@ -12,7 +12,11 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from .motion import Flow, Window, cut, joined, paste, placed, window_of
+from .background import Plate
+from .cutting import enclosed, grown
+from .evidence import Colors
+from .from_box import FEW, NEARBY, Moving, left
+from .motion import Flow, Window, cut, joined, paste, placed, window_of, within
 
 THICK = 5
 """Pixels across from which something hides a part: less is a rim that was carried on too far."""
@@ -22,6 +26,18 @@ OTHERWISE = 1.0
 
 LARGE = 0.3
 """Thickness of another thing beside the object, in units of the root of the object's area: less is the object's own, missed rim."""
+
+FAR = 8
+"""Pixels outside a box that dense flow, a codec's traces and the rim of a thing that fills the box do not reach."""
+
+WIDE = 0.1
+"""Length of a box's border across what goes on beyond it, in units of the root of the object's area, at least."""
+
+AROUND = 0.5
+"""Part of a box's border across which no other thing goes on: what comes out nearly all round the box is the flow's."""
+
+COMMONER = 0.7
+"""Log odds from which a colour is another thing's: twice as common there as in the object."""
 
 
 class Veil:
@@ -114,7 +130,7 @@ class Beside:
     def keep(self, differs: np.ndarray, found: np.ndarray, where: Window) -> None:
         """After a frame: what `differs` from the background and what is `found` to be the object, (h, w) bool in the window `where`."""
         rest = (differs & ~found).astype(np.uint8)
-        thick = max(THICK, int(LARGE * np.sqrt(found.sum())))
+        thick = max(THICK, int(LARGE * np.sqrt(found.sum()))) | 1  # OpenCV moves what it opens by an even number
         if rest.sum() < thick * thick:
             self._part = np.zeros((0, 0), bool)
             return
@@ -131,6 +147,106 @@ class Beside:
         """Go on from what `state` gave."""
         x0, y0, x1, y1 = (int(value) for value in state["beside_window"])
         self._part, self._window = state["beside"], (x0, y0, x1, y1)
+
+
+class Along:
+    """Another thing that moves along with the object, as a hand that holds it does: known in frame 0, then carried by the flow, whatever is
+    behind it."""
+
+    def __init__(self, mask: np.ndarray | None) -> None:
+        """`mask` (H, W) bool: the other thing in frame 0, if there is one."""
+        self._part, self._window = np.zeros((0, 0), bool), (0, 0, 0, 0)
+        if mask is not None and mask.any():
+            self._window = window_of(mask, 0)
+            self._part = cut(mask, self._window).copy()
+
+    def move(self, flow: Flow | None, sought: Window) -> None:
+        """Each pixel by the `flow` to the next frame, in the window `sought` alone; where the object is hidden, without one, it stays."""
+        if flow is None or not self._part.any():
+            return
+        inside = placed(self._part, self._window, sought)
+        rows, columns = np.nonzero(inside)
+        to = np.stack([columns, rows], axis=1) + np.rint(flow.over(sought)[rows, columns]).astype(np.int64)
+        size = np.array(inside.shape[::-1])
+        to = to[((to >= 0) & (to < size)).all(axis=1)]
+        part = np.zeros(inside.shape, np.uint8)
+        part[tuple(to.T[::-1])] = 1
+        # Pixels drift apart where it grows.
+        self._part, self._window = cv2.morphologyEx(part, cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8)) > 0, sought
+
+    def any(self) -> bool:
+        """Whether anything is left of it."""
+        return bool(self._part.any())
+
+    def over(self, where: Window) -> np.ndarray:
+        """(h, w) bool in a window."""
+        return placed(self._part, self._window, where)
+
+    def keep(self, more: np.ndarray, background: np.ndarray, found: np.ndarray, where: Window) -> None:
+        """After a frame, (h, w) bool in the window `where`: what may be `more` of it beside it, where the `background` is seen, and what is
+        `found` to be the object."""
+        both = joined(self._window, where)
+        part, (more, background, found) = self.over(both), (placed(one, where, both) for one in (more, background, found))
+        self._part, self._window = (part & ~background | grown(part) & more & ~enclosed(found)) & ~found, both
+
+    def state(self) -> dict[str, np.ndarray]:
+        """All that the frames to come depend on."""
+        return {"along": self._part, "along_window": np.array(self._window)}
+
+    def resume(self, state: dict[str, np.ndarray]) -> None:
+        """Go on from what `state` gave."""
+        x0, y0, x1, y1 = (int(value) for value in state["along_window"])
+        self._part, self._window = state["along"], (x0, y0, x1, y1)
+
+
+def beyond_box(frame: np.ndarray, mask: np.ndarray, inside: np.ndarray, plate: Plate, moving: Moving) -> np.ndarray:
+    """Another thing (H, W) bool in frame 0 that moves and goes on outside the box `inside` (H, W) bool: a hand that holds the object.
+
+    A box holds all of the object. So what comes out of it and moves outside is something else, and so is what hangs together with that in
+    the box and has colours that are commoner there than in the object `mask` (H, W) bool. Nothing for a small object: it has few colours.
+    """
+    other, least = np.zeros_like(mask), WIDE * np.sqrt(mask.sum())
+    if mask.sum() < FEW:
+        return other
+    near, moves = within(window_of(inside, NEARBY), frame), np.zeros_like(mask)
+    paste(moves, moving(near) + left(frame, plate, near) > 0.0, near)
+    border = inside & (cv2.erode(inside.astype(np.uint8), np.ones((5, 5), np.uint8)) == 0)
+    reaching = border & moves & _hanging_on(moves & inside, mask)
+    if reaching.sum() < 2.0 * least:
+        return other
+    # Near the end of its window, flow leads out of it.
+    x0, y0, x1, y1 = window_of(inside, 0)
+    window = within((x0 - (x1 - x0) // 2, y0 - (y1 - y0) // 2, x1 + (x1 - x0) // 2, y1 + (y1 - y0) // 2), frame)
+    crop, boxed = cut(frame, window), cut(inside, window)
+    likely = moving(window) + left(frame, plate, window) > 0.0
+    out = _leading_away(likely & ~boxed, boxed, cut(reaching, window), least)
+    if not out.any():
+        return other
+    odds = cv2.GaussianBlur(Colors(crop[out], crop[cut(mask, window)]).odds(crop), (0, 0), 1.5)
+    alike = cv2.morphologyEx((odds > COMMONER).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)) > 0
+    paste(other, _hanging_on(alike & likely & boxed, out), window)
+    return other
+
+
+def _leading_away(outside: np.ndarray, boxed: np.ndarray, reaching: np.ndarray, least: float) -> np.ndarray:
+    """The parts of what moves `outside` a box, (h, w) bool both, that come out of it over `least` [px] of `reaching` (h, w) bool and lead
+    away."""
+    off = cv2.distanceTransform((~boxed).astype(np.uint8), cv2.DIST_L2, 5)
+    count, labels = cv2.connectedComponents(outside.astype(np.uint8), connectivity=4)
+    far = np.bincount(labels[outside & (off > FAR)], minlength=count) > 0
+    at = cv2.dilate(reaching.astype(np.uint8), np.ones((7, 7), np.uint8)) > 0
+    crossing = np.bincount(labels[outside & (off <= 2.0) & at], minlength=count) / 2.0
+    found: np.ndarray = (far & (crossing > least))[labels] & outside
+    beside = ~boxed & (off <= 1.0)
+    return found & ((found & beside).sum() <= AROUND * beside.sum())
+
+
+def _hanging_on(parts: np.ndarray, seeds: np.ndarray) -> np.ndarray:
+    """The `seeds` (h, w) bool with what hangs together with them of the `parts` (h, w) bool."""
+    count, labels = cv2.connectedComponents((parts | seeds).astype(np.uint8), connectivity=4)
+    touching = np.bincount(labels[seeds], minlength=count) > 0
+    touching[0] = False
+    return touching[labels]
 
 
 def out_again(differs: np.ndarray, carried: np.ndarray, band: float) -> np.ndarray:
@@ -151,7 +267,4 @@ def out_again(differs: np.ndarray, carried: np.ndarray, band: float) -> np.ndarr
 def adjoining(sure: np.ndarray, own: np.ndarray) -> np.ndarray:
     """`own` (h, w) bool with the parts of `sure` (h, w) bool, THICK at least, that hang together with it."""
     core = cv2.morphologyEx(sure.astype(np.uint8), cv2.MORPH_OPEN, np.ones((THICK, THICK), np.uint8)) > 0
-    count, labels = cv2.connectedComponents((core | own).astype(np.uint8), connectivity=4)
-    touching = np.bincount(labels[own], minlength=count) > 0
-    touching[0] = False
-    return touching[labels]
+    return _hanging_on(core, own)
