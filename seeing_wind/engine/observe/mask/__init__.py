@@ -2,6 +2,7 @@
 
     first_mask.py  in frame 0: from a PNG, points, a depth map, or what moves
     from_box.py    in frame 0: what moves together in a box
+    moving         what frame 0 shows moving there, in the next frames or later
     cutting.py     a region by its colours, without specks, and its hull
     evidence.py    what speaks for each pixel, in log odds
     corrected.py   the user's corrections in any frame, taken along to the others

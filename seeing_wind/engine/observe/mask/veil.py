@@ -15,8 +15,9 @@ import numpy as np
 from .background import Plate
 from .cutting import enclosed, grown
 from .evidence import Colors
-from .from_box import FEW, NEARBY, Moving, left
+from .from_box import FEW
 from .motion import Flow, Window, cut, joined, paste, placed, window_of, within
+from .moving.in_box import NEARBY, Moving, left
 
 THICK = 5
 """Pixels across from which something hides a part: less is a rim that was carried on too far."""
