@@ -46,7 +46,7 @@ def moved_later(frames: Frames, window: Window, noise: float, progress: Progress
         progress.check()
         now = seen(t)
         still = unlike(now, first)
-        changed += largest(cv2.GaussianBlur(cv2.absdiff(now, first).astype(np.float32), (0, 0), 1.0)) > 6.0 * noise
+        changed += still > 6.0 * noise
         after = cv2.cvtColor(now, cv2.COLOR_RGB2GRAY)
         step, astray = _step(before, after, grid)
         shown &= cv2.remap(astray, grid + way, None, cv2.INTER_LINEAR, borderValue=1.0) < 0.5
