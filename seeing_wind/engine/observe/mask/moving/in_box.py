@@ -19,6 +19,10 @@ from .soon import MOTION_SURE, moving_odds
 MOVES = 0.04
 """Part of a box that has to change in the clip for what changes to be taken for the object, and the rest of the box for still."""
 
+RESTS, MORE = 0.1, 2.0
+"""Part of a box up to which what moves in the first frames, or is gone later, is next to nothing, and how many times as much has to move
+later."""
+
 NEARBY = 16
 """Pixels round a box that are looked at, too."""
 
@@ -34,8 +38,8 @@ def moving_in(frames: Frames, noise: float) -> Moving:
 def moving_from(frames: Frames, inside: np.ndarray, plate: Plate, progress: Progress) -> Moving:
     """What moves in the box `inside` (H, W) bool: in the first frames, or, where that is next to nothing, in any.
 
-    Nothing in the box is the object that neither moves in the first frames nor ever leaves its place to the background, so what moves away
-    later is. What moves in the first frames is kept where nothing does.
+    What neither moves in the first frames nor ever leaves its place to the background may be an object that rests, so what moves away later
+    is sought. It is taken where it is more by far than what moves at first: a shadow's rim, or a hand's.
     """
     soon = moving_in(frames, plate.noise)
     if not inside.any():
@@ -44,13 +48,14 @@ def moving_from(frames: Frames, inside: np.ndarray, plate: Plate, progress: Prog
     boxed, behind = cut(inside, near), left(frames[0], plate, near) > 0.0
     # Grid lines and a codec's traces are narrow.
     behind = cv2.morphologyEx(behind.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)) > 0
-    if max((boxed & (soon(near) > 0.0)).sum(), (boxed & behind).sum()) > MOVES * boxed.sum():
+    moves = (boxed & ((soon(near) > 0.0) | behind)).sum()
+    if moves > RESTS * boxed.sum():
         return soon
     x0, y0, x1, y1 = window_of(inside, 0)
     wide = within(window_of(inside, max(x1 - x0, y1 - y0)), inside)
     odds = np.zeros(inside.shape, np.float32)
     paste(odds, moved_later(frames, wide, plate.noise, progress), wide)
-    return (lambda window: cut(odds, window)) if (inside & (odds > 0.0)).sum() > MOVES * inside.sum() else soon
+    return (lambda window: cut(odds, window)) if (inside & (odds > 0.0)).sum() > max(MORE * moves, MOVES * inside.sum()) else soon
 
 
 def left(frame: np.ndarray, plate: Plate, window: Window) -> np.ndarray:
