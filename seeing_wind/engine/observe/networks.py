@@ -20,8 +20,9 @@ from .clip.stored import Frames
 from .mask.background import Plate
 from .mask.cutting import LEAST_PIXELS
 from .mask.first_mask import first_mask, point_list
-from .mask.from_box import Moving, mask_in_box
+from .mask.from_box import mask_in_box
 from .mask.motion import Flow, Flows, FlowSolver, middle_of, window_of
+from .mask.moving.in_box import Moving
 from .tracks.tracker import find_corners
 
 LEAST_TRACKS = 3
@@ -71,7 +72,7 @@ def first_outline(
 ) -> np.ndarray:
     """The object (H, W) bool in the first of the straightened `frames` (T+1, H, W, 3).
 
-    From words or a box, else as `first_mask` finds it; cut by a network if one is named. `moving` belongs to `plate`, see `moving_in`.
+    From words or a box, else as `first_mask` finds it; cut by a network if one is named. `moving` belongs to `plate`, see `moving_from`.
 
     Raises:
         ObjectError, UsageError: as `first_mask` and `mask_in_box`. ModelError, MissingPackage: a network that cannot be used.

@@ -30,7 +30,8 @@ from .mask.by_turns import with_background
 from .mask.corrected import Marks, carried_to_first, marks_of, with_corrections
 from .mask.cutting import LEAST_PIXELS
 from .mask.first_mask import point_list, read_mask
-from .mask.from_box import box_round, moving_in
+from .mask.from_box import box_round
+from .mask.moving.in_box import moving_from
 from .networks import check_networks, first_depth, first_outline
 from .working_size import WorkingSize, working_scale
 
@@ -95,12 +96,13 @@ def _seen(clip: Clip, settings: ObserveSettings, progress: Progress, journal: Jo
     plate = median_plate(clip.frames, progress) if still else None
     median = None if plate is None else plate.color
     progress.update(0.08, "finding the object")
-    moving = None if plate is None else moving_in(clip.frames, plate.noise)
     shown, marks = _corrections(settings, clip, lens, turns)
     if shown and not marked(settings):
         # Nothing else says where it is: it is sought in frame 0 where it is followed back to.
         settings = replace(settings, box=box_round(carried_to_first(clip.frames, shown, plate, progress)))
         around = _marked_area(settings, height, width)
+    boxed = around if settings.box is not None else np.zeros_like(around)
+    moving = None if plate is None else moving_from(clip.frames, boxed, plate, progress)
     unaided = first_outline(settings, clip.frames, plate, moving, lens, progress)
     mask = shown.get(0, unaided)
     progress.update(0.1, "following the object")

@@ -10,7 +10,7 @@ from scenes import noise, write_video
 
 from seeing_wind.engine.observe import observe
 from seeing_wind.engine.observe.mask.motion import Flow
-from seeing_wind.engine.observe.mask.veil import Along, Beside
+from seeing_wind.engine.observe.mask.moving.others import Along, Beside
 from seeing_wind.engine.progress import NoProgress
 from seeing_wind.engine.settings import ObserveSettings
 

@@ -15,7 +15,8 @@ from seeing_wind.engine.observe.mask.background import Plate, plate_behind
 from seeing_wind.engine.observe.mask.cutting import tidy
 from seeing_wind.engine.observe.mask.evidence import Contrast, against_plate, against_shape, cut_out
 from seeing_wind.engine.observe.mask.follow import MaskFollower
-from seeing_wind.engine.observe.mask.from_box import moving_in, moving_odds
+from seeing_wind.engine.observe.mask.moving.in_box import moving_in
+from seeing_wind.engine.observe.mask.moving.soon import moving_odds
 from seeing_wind.engine.observe.mask.rim import trimmed
 from seeing_wind.engine.progress import NoProgress
 from seeing_wind.engine.settings import ObserveSettings

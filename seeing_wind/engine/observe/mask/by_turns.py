@@ -12,8 +12,9 @@ from ..clip.stored import Frames
 from .background import Plate, plate_behind, seen_first
 from .evidence import Contrast
 from .follow import MaskFollower
-from .from_box import NEARBY, Moving, refined
+from .from_box import refined
 from .motion import Flows, window_of, within
+from .moving.in_box import NEARBY, Moving
 from .rim import boxed_in, cut_back
 from .through import followed
 from .veil import beyond_box
@@ -44,7 +45,7 @@ def with_background(
     The object, followed roughly, shows what is behind it.
 
     Args:
-        frames: (T+1, H, W, 3) uint8 RGB; mask: (H, W) bool, the object in frame 0; plate: the background; moving: see `moving_in`.
+        frames: (T+1, H, W, 3) uint8 RGB; mask: (H, W) bool, the object in frame 0; plate: the background; moving: see `moving_from`.
         around: (H, W) bool, where a mask, box or points say that the object is.
     """
     boxed = settings.box is not None and settings.mask is None and settings.mask_model is None

@@ -10,15 +10,15 @@ from .background import Plate
 from .cutting import LEAST_PIXELS, grown, tidy
 from .evidence import APART, SMALL, Colors, Contrast, against_plate, against_shape, band_of, cut_out
 from .motion import Flow, Flows, FlowSolver, Window, body_shift, cut, joined, middle_of, paste, placed, window_of, within
+from .moving.others import Along, Arrives, Beside
 from .rim import cut_back
-from .veil import Along, Beside, Veil, adjoining, out_again
+from .veil import Veil, adjoining, out_again
 
 LOST = 0.3
 """A mask smaller than this part of what was expected means hidden or gone, and the shape seen last is kept for the search."""
 
 PARTLY = 0.75
 """A small object's mask below this part of its usual size is partly hidden: shape, colours and velocity of the last full sight are kept."""
-
 
 CARRIED, CARRIED_BLIND = 2.0, 1.2
 """Most log odds for the silhouette that was carried on, where the background is known and where only colours speak, which are less sure:
@@ -70,6 +70,7 @@ class MaskFollower:
         self._solver = FlowSolver(rough=True)
         near = cv2.dilate(cut(mask, window_of(mask, 24)).astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
         around = cut(frame, window_of(mask, 24))
+        self._arrives = Arrives(frame[mask], around[~near])
         self._colors = Colors(frame[mask], around[~near])
         self._gray = cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY)
         self._shape_window: Window = window_of(mask, 0)
@@ -104,6 +105,7 @@ class MaskFollower:
         self._veil.move(motion)
         self._beside.move(self.flow, motion)
         self._along.move(self.flow, wide)
+        self._colors = self._arrives.meet(frame, motion, self._beside, self._along) or self._colors
         carried, where = self._carry(shift, margin)
         carried, where = self._with_what_is_out_again(frame, carried, where)
         found, background = self._silhouette(frame, carried, where)
@@ -128,7 +130,9 @@ class MaskFollower:
             "template": self._template,
             "velocity": self.velocity,
             "counts": np.array([self._steps, self._missed, self.hidden, self._most]),
-        } | self._veil.state() | self._beside.state() | self._along.state() | (self._kept.state() if self._kept is not None else {})
+        } | self._veil.state() | self._beside.state() | self._along.state() | self._arrives.state() | (
+            self._kept.state() if self._kept is not None else {}
+        )
 
     def resume(self, frame: np.ndarray, mask: np.ndarray, state: dict[str, np.ndarray]) -> None:
         """See `through.Follower.resume`."""
@@ -141,6 +145,7 @@ class MaskFollower:
         self._veil.resume(state)
         self._beside.resume(state)
         self._along.resume(state)
+        self._colors = self._arrives.resume(state) or self._colors
         if self._kept is not None:
             self._kept.resume(state)
 
@@ -171,8 +176,7 @@ class MaskFollower:
     def _moved(self, motion: np.ndarray, where: Window) -> np.ndarray:
         """The last silhouette (h, w) bool in the window `where`, moved by `motion` (2,) [px] as a whole: near what hides a part of it, the
         flow is that of what stands still."""
-        dx, dy = (int(value) for value in np.round(motion))
-        x0, y0, x1, y1 = self._shape_window
+        (dx, dy), (x0, y0, x1, y1) = (int(value) for value in np.round(motion)), self._shape_window
         return placed(self._shape, (x0 + dx, y0 + dy, x1 + dx, y1 + dy), where)
 
     def _with_what_is_out_again(self, frame: np.ndarray, carried: np.ndarray, where: Window) -> tuple[np.ndarray, Window]:
@@ -200,8 +204,7 @@ class MaskFollower:
         carried = np.zeros((where[3] - where[1], where[2] - where[0]), np.uint8)
         if self.flow is None or self._shape.sum() < SMALL:
             return self._moved(shift, where), where
-        rows, columns = np.nonzero(self._shape)
-        motion = self.flow.over(self._shape_window)[self._shape]
+        (rows, columns), motion = np.nonzero(self._shape), self.flow.over(self._shape_window)[self._shape]
         column = np.rint(motion[:, 0]).astype(np.int64) + columns + (x0 - where[0])
         row = np.rint(motion[:, 1]).astype(np.int64) + rows + (y0 - where[1])
         inside = (column >= 0) & (row >= 0) & (column < carried.shape[1]) & (row < carried.shape[0])
@@ -212,7 +215,7 @@ class MaskFollower:
 
     def _silhouette(self, frame: np.ndarray, carried: np.ndarray, where: Window) -> tuple[np.ndarray, np.ndarray]:
         """The object by its `carried` silhouette, and where nothing but the background is seen, (h, w) bool in the window `where`."""
-        found, background = np.zeros_like(carried), np.zeros_like(carried)
+        found, background = np.zeros((2, *carried.shape), bool)
         if not carried.any():
             return found, background
         band = band_of(float(carried.sum()))
@@ -282,8 +285,7 @@ class MaskFollower:
     ) -> None:
         area = float(found.sum())
         self.hidden = area < max(LOST * carried.sum(), min(LEAST_PIXELS, 0.5 * carried.sum()))
-        self._missed = self._missed + 1 if self.hidden else 0
-        self._gray = gray
+        self._missed, self._gray = self._missed + 1 if self.hidden else 0, gray
         self._steps += 1
         if self.hidden or (self._shape.sum() < SMALL and area < PARTLY * self._shape.sum()):
             # The last full sight moves on: by the velocity when nothing was seen, by the search when something was.

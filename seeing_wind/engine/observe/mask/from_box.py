@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
-from functools import cache
-
 import cv2
 import numpy as np
 
 from ...errors import ObjectError, UsageError
 from ...progress import Progress
-from ..clip.stored import Frames
-from .background import Plate, largest
+from .background import Plate
 from .cutting import LEAST_PIXELS, enclosed, grab_cut, grown, tidy
 from .evidence import APART, OUTSIDE, Colors, Contrast, against_plate, against_shape, band_of, cut_out
-from .motion import Window, cut, paste, window_of, within
+from .motion import cut, paste, window_of, within
+from .moving.in_box import MOVES, NEARBY, Moving, left
 
 CUT_OFF = (0.08, 1.0)
 """Parts of what a box holds of a small object that may lie outside it: less is its rim, more is something else beside it."""
@@ -23,33 +19,12 @@ CUT_OFF = (0.08, 1.0)
 FEW = 900
 """Pixels below which colours say little of an object, and what differs from a clean background more."""
 
-MOVES = 0.04
-"""Part of a box that has to change in the clip for what changes to be taken for the object, and the rest of the box for still."""
-
-LATER = (1, 2, 3, 5, 8, 12, 17, 23)
-"""Frames whose motion against frame 0 is looked at."""
-
-CORES = 2
-"""Frames that are looked at together: every machine has two cores, and OpenCV lets Python's other threads run while it works."""
-
-MOTION_PIXELS = 150_000
-"""Size of a window beyond which its motion is sought in a smaller copy."""
-
-LEAST_MOTION = 1.0
-"""Pixels that the object moves and the background, whose texture and grain mislead the flow, does not."""
-
-MOTION_SURE = 2.0
-"""Log odds that motion, or the lack of it, gives."""
-
 BLEEDS = 0.5
 """Weight of motion where an outline is refined and the background is not known: dense flow runs on for some pixels into what lies beside
 a thing that moves. Where the background is known, that says more."""
 
 STILL_PART = -1.4
 """Least log odds of what does not differ from the background, in a box."""
-
-NEARBY = 16
-"""Pixels round a box that are looked at, too."""
 
 NEITHER = "Mark the object in the first frame by --box, --points, or --mask with a PNG."
 
@@ -64,7 +39,7 @@ def mask_in_box(
     Args:
         frame: (H, W, 3) uint8 RGB, frame 0.
         plate: the background; None where the camera moves, and then only colours count.
-        moving: see `moving_in`; None where there is but one frame.
+        moving: see `moving_from`; None where there is but one frame.
 
     Raises:
         UsageError: a box outside the frame or without area.
@@ -117,63 +92,6 @@ def _pixels_of(box: tuple[float, float, float, float], height: int, width: int) 
     inside = np.zeros((height, width), bool)
     inside[y0 : y1 + 1, x0 : x1 + 1] = True
     return inside
-
-
-Moving = Callable[[Window], np.ndarray]
-"""`moving_odds` of a window, in a clip."""
-
-
-def moving_in(frames: Frames, noise: float) -> Moving:
-    """The clip's `moving_odds`, each window's found once."""
-    return cache(lambda window: moving_odds(frames, window, noise))
-
-
-def moving_odds(frames: Frames, window: Window, noise: float) -> np.ndarray:
-    """Log odds (h, w) in `window` by what frame 0 shows there moving, before a background that stands still.
-
-    Dense flow (Kroeger 2016) to some of the next frames, believed where the flow back returns to its start and explains the pixel better
-    than standing still does. What differs from frame 0 in none of them stands still.
-    """
-    size = window[2] - window[0], window[3] - window[1]
-    scale = min(1.0, float(np.sqrt(MOTION_PIXELS / (size[0] * size[1]))))
-    small = max(8, round(size[0] * scale)), max(8, round(size[1] * scale))
-
-    def seen(t: int) -> np.ndarray:
-        return cv2.resize(cut(frames[t], window), small, interpolation=cv2.INTER_AREA) if scale < 1.0 else cut(frames[t], window)
-
-    first = seen(0)
-    gray = cv2.cvtColor(first, cv2.COLOR_RGB2GRAY)
-    y, x = np.mgrid[: gray.shape[0], : gray.shape[1]].astype(np.float32)
-
-    def flow(before: np.ndarray, after: np.ndarray) -> np.ndarray:
-        return cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM).calc(before, after, None)
-
-    def looked_at(crop: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """How far each pixel moves for certain (h, w) float32 [px], and whether it changes (h, w) bool."""
-        later = cv2.cvtColor(crop, cv2.COLOR_RGB2GRAY)
-        there, back = flow(gray, later), flow(later, gray)
-        at_x, at_y = x + there[..., 0], y + there[..., 1]
-        returns = cv2.remap(back, at_x, at_y, cv2.INTER_LINEAR) + there
-        still = largest(cv2.GaussianBlur(cv2.absdiff(crop, first).astype(np.float32), (0, 0), 1.0))
-        flown = cv2.remap(crop, at_x, at_y, cv2.INTER_LINEAR)
-        left = largest(cv2.GaussianBlur(cv2.absdiff(flown, first).astype(np.float32), (0, 0), 1.0))
-        sure = (cv2.magnitude(returns[..., 0], returns[..., 1]) < 1.0) & (left < still - 1.5 * noise) & (left < 8.0 * noise)
-        return np.where(sure, cv2.magnitude(there[..., 0], there[..., 1]), np.float32(0.0)), still > 6.0 * noise
-
-    moved, changed = np.zeros(gray.shape, np.float32), np.zeros(gray.shape, np.int32)
-    with ThreadPoolExecutor(CORES) as cores:
-        for far, differs in cores.map(looked_at, (seen(t) for t in LATER if t < len(frames))):
-            moved, changed = np.maximum(moved, far), changed + differs
-    across = max(3, int(0.04 * min(gray.shape))) | 1
-    share = cv2.blur((moved > LEAST_MOTION * scale).astype(np.float32), (across, across))
-    odds = np.where(share > 0.4, MOTION_SURE, np.where((changed == 0) & (share < 0.1), -MOTION_SURE, 0.0)).astype(np.float32)
-    return cv2.resize(odds, size, interpolation=cv2.INTER_LINEAR) if scale < 1.0 else odds
-
-
-def left(frame: np.ndarray, plate: Plate, window: Window) -> np.ndarray:
-    """Log odds (h, w) in `window` for what differs from the background, against shadows and blurred rims; 0 where nothing differs."""
-    odds, known = against_plate(frame, plate, window, Contrast(), 0.0)
-    return np.where(known, np.minimum(odds, MOTION_SURE), 0.0).astype(np.float32)
 
 
 def _begun(crop: np.ndarray, boxed: np.ndarray, motion: np.ndarray | None, behind: np.ndarray | None, progress: Progress) -> np.ndarray:

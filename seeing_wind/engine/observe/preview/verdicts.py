@@ -21,6 +21,9 @@ FEW_TRACKS = 12
 ON_BOX = 0.04
 """Part of the outline on the border of the box from which the box cuts the object."""
 
+SPANS = 0.5
+"""Part of the width and of the height of a box that what is found in it spans, at least: a box is drawn closer round the object."""
+
 HARDLY = 1.5
 """Pixels of motion that are lost in the tracks' errors."""
 
@@ -98,6 +101,13 @@ def _outline(seen: Observation, settings: ObserveSettings, proposed: np.ndarray 
         part = float((on_box & inner).sum() / length)
         if part > ON_BOX:
             return Verdict("outline", 1.0 + part, f"{100 * part:.0f} % of it lies on the box, which cuts the object.", "Draw a larger box.")
+        across = (np.ptp(columns) + 1) / (x1 - x0), (np.ptp(rows) + 1) / (y1 - y0)
+        if len(rows) and min(across) < SPANS:
+            filled = 100 * mask.sum() / ((x1 - x0) * (y1 - y0))
+            return Verdict(
+                "outline", 0.9, f"Only {filled:.0f} % of the box is found to move; the rest is taken for the background.",
+                "If more belongs to the object, correct the outline, or give that of frame 0 by --mask; else draw the box closer.",
+            )  # fmt: skip
     edge = np.ones_like(mask)
     edge[1:-1, 1:-1] = False
     touching = edge & mask

@@ -70,6 +70,17 @@ def test_a_box_that_cuts_the_object(disc: Scene, disc_seen: Observation) -> None
     assert verdict(seen, "outline", tight).severity > 1.0
 
 
+def test_a_box_of_which_little_moves(disc: Scene, disc_seen: Observation) -> None:
+    x0, y0, x1, y1 = disc.box
+    tall = dataclasses.replace(GIVEN, box=(x0 - 6, y0 - 6, x1 + 6, y1 + 2 * (y1 - y0)))
+    found = verdict(disc_seen, "outline", tall)
+    share = 100 * disc_seen.masks[0].sum() / ((tall.box[2] - tall.box[0]) * (tall.box[3] - tall.box[1]))
+    assert found.severity > 0.5 and f"Only {share:.0f} % of the box" in found.because and "--mask" in found.do
+    assert any("taken for the background" in one for one in doubt_remarks(disc_seen, tall))
+    loose = dataclasses.replace(GIVEN, box=(x0 - 6, y0 - 6, x1 + 6, y1 + 0.4 * (y1 - y0)))
+    assert verdict(disc_seen, "outline", loose).severity == 0.0, "boxes are drawn loosely"
+
+
 def test_an_object_at_the_edge_of_the_frame(disc_seen: Observation) -> None:
     masks = np.stack([np.roll(np.asarray(mask), -40, axis=1) for mask in disc_seen.masks])
     masks[:, 60:100, :5] = True

@@ -1,0 +1,64 @@
+"""What moves in a box: at once, or later on where it rests first."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+
+import cv2
+import numpy as np
+
+from ....progress import Progress
+from ...clip.stored import Frames
+from ..background import Plate
+from ..evidence import Contrast, against_plate
+from ..motion import Window, cut, paste, window_of, within
+from .later import moved_later
+from .soon import MOTION_SURE, moving_odds
+
+MOVES = 0.04
+"""Part of a box that has to change in the clip for what changes to be taken for the object, and the rest of the box for still."""
+
+RESTS, MORE = 0.1, 2.0
+"""Part of a box up to which what moves in the first frames, or is gone later, is next to nothing, and how many times as much has to move
+later."""
+
+NEARBY = 16
+"""Pixels round a box that are looked at, too."""
+
+Moving = Callable[[Window], np.ndarray]
+"""Log odds (h, w) in a window by what frame 0 shows there moving."""
+
+
+def moving_in(frames: Frames, noise: float) -> Moving:
+    """The clip's `moving_odds`, each window's found once."""
+    return cache(lambda window: moving_odds(frames, window, noise))
+
+
+def moving_from(frames: Frames, inside: np.ndarray, plate: Plate, progress: Progress) -> Moving:
+    """What moves in the box `inside` (H, W) bool: in the first frames, or, where that is next to nothing, in any.
+
+    What neither moves in the first frames nor ever leaves its place to the background may be an object that rests, so what moves away later
+    is sought. It is taken where it is more by far than what moves at first: a shadow's rim, or a hand's.
+    """
+    soon = moving_in(frames, plate.noise)
+    if not inside.any():
+        return soon
+    near = within(window_of(inside, NEARBY), inside)
+    boxed, behind = cut(inside, near), left(frames[0], plate, near) > 0.0
+    # Grid lines and a codec's traces are narrow.
+    behind = cv2.morphologyEx(behind.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)) > 0
+    moves = (boxed & ((soon(near) > 0.0) | behind)).sum()
+    if moves > RESTS * boxed.sum():
+        return soon
+    x0, y0, x1, y1 = window_of(inside, 0)
+    wide = within(window_of(inside, max(x1 - x0, y1 - y0)), inside)
+    odds = np.zeros(inside.shape, np.float32)
+    paste(odds, moved_later(frames, wide, plate.noise, progress), wide)
+    return (lambda window: cut(odds, window)) if (inside & (odds > 0.0)).sum() > max(MORE * moves, MOVES * inside.sum()) else soon
+
+
+def left(frame: np.ndarray, plate: Plate, window: Window) -> np.ndarray:
+    """Log odds (h, w) in `window` for what differs from the background, against shadows and blurred rims; 0 where nothing differs."""
+    odds, known = against_plate(frame, plate, window, Contrast(), 0.0)
+    return np.where(known, np.minimum(odds, MOTION_SURE), 0.0).astype(np.float32)

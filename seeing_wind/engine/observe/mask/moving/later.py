@@ -1,0 +1,79 @@
+"""What rests in the first frames and moves later on, in the shade of the hand that pushes it or behind it."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from ....progress import Progress
+from ...clip.stored import Frames
+from ..background import SHADOW, largest
+from ..motion import Window, cut
+from .soon import LEAST_MOTION, MOTION_PIXELS, MOTION_SURE, share_of
+
+OFTEN = 0.3
+"""Part of the frames in which most of the object is seen away from its place, in which a pixel has to be, too: what passes before a still
+thing carries it along for a few."""
+
+LIGHT = 3.0
+"""Standard deviation of the blur [px] over which one change of light is allowed: a hand that comes to push the object
+puts it in the shade."""
+
+RETURNS = (0.01, 2.0)
+"""Part of the squared length of flow there and back, and squared pixels, by which both may miss each other (Sundaram 2010): what is hidden
+misses more."""
+
+
+def moved_later(frames: Frames, window: Window, noise: float, progress: Progress) -> np.ndarray:
+    """Log odds (h, w) in `window` by what frame 0 shows there moving away in any frame, before a background that stands still.
+
+    Flow from frame to frame is added up until it does not return, that is until the pixel is hidden. It is believed where what lies at its
+    end is like frame 0, but for a change of light, and what lies at the pixel's own place is not. What never differs stands still.
+    """
+    size = window[2] - window[0], window[3] - window[1]
+    scale = min(1.0, float(np.sqrt(MOTION_PIXELS / (size[0] * size[1]))))
+    small = max(8, round(size[0] * scale)), max(8, round(size[1] * scale))
+
+    def seen(t: int) -> np.ndarray:
+        return cv2.resize(cut(frames[t], window), small, interpolation=cv2.INTER_AREA) if scale < 1.0 else cut(frames[t], window)
+
+    first = seen(0)
+    before = cv2.cvtColor(first, cv2.COLOR_RGB2GRAY)
+    grid = np.stack(np.meshgrid(*(np.arange(side, dtype=np.float32) for side in before.shape[::-1])), axis=-1)
+    way, shown = np.zeros_like(grid), np.ones(before.shape, bool)
+    moved, changed = np.zeros((2, *before.shape), np.int32)
+    for t in range(1, len(frames)):
+        progress.check()
+        now = seen(t)
+        still = unlike(now, first)
+        changed += still > 6.0 * noise
+        after = cv2.cvtColor(now, cv2.COLOR_RGB2GRAY)
+        step, astray = _step(before, after, grid)
+        shown &= cv2.remap(astray, grid + way, None, cv2.INTER_LINEAR, borderValue=1.0) < 0.5
+        way += cv2.remap(step, grid + way, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        left = unlike(cv2.remap(now, grid + way, None, cv2.INTER_LINEAR), first)
+        far = cv2.magnitude(way[..., 0], way[..., 1]) > LEAST_MOTION * scale
+        moved += shown & far & (left < 0.5 * still) & (still > 6.0 * noise)
+        before = after
+    often = moved >= max(2.0, OFTEN * float(moved.max(initial=0)))
+    share = share_of(often)
+    odds = np.where(share > 0.4, MOTION_SURE, np.where((changed == 0) & (share < 0.1), -MOTION_SURE, 0.0)).astype(np.float32)
+    return cv2.resize(odds, size, interpolation=cv2.INTER_LINEAR) if scale < 1.0 else odds
+
+
+def unlike(crop: np.ndarray, first: np.ndarray) -> np.ndarray:
+    """How `crop` (h, w, 3) differs from `first` but for a change of light (h, w) float32 [grey levels]."""
+    now, then = crop.astype(np.float32), first.astype(np.float32)
+    both, own = (cv2.GaussianBlur(cv2.transform(one, np.ones((1, 3), np.float32)), (0, 0), LIGHT) for one in (now * then, now * now))
+    gain = np.clip((both + 1.0) / (own + 1.0), *SHADOW)
+    return largest(cv2.GaussianBlur(np.abs(gain[..., None] * now - then), (0, 0), 1.0))
+
+
+def _step(before: np.ndarray, after: np.ndarray, grid: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Flow (h, w, 2) [px] from one gray frame to the next, and 1 where the flow back does not return (h, w) float32, else 0."""
+    there, back = (
+        cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM).calc(*pair, None) for pair in ((before, after), (after, before))
+    )
+    returned = cv2.remap(back, grid + there, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    missed, long = np.sum((there + returned) ** 2, axis=-1), np.sum(there**2 + returned**2, axis=-1)
+    return there, (missed > RETURNS[0] * long + RETURNS[1]).astype(np.float32)

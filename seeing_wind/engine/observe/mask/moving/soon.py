@@ -1,0 +1,74 @@
+"""What moves in the first frames: dense flow from frame 0 to some of the next."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+
+import cv2
+import numpy as np
+
+from ...clip.stored import Frames
+from ..background import largest
+from ..motion import Window, cut
+
+LATER = (1, 2, 3, 5, 8, 12, 17, 23)
+"""Frames whose motion against frame 0 is looked at."""
+
+CORES = 2
+"""Frames that are looked at together: every machine has two cores, and OpenCV lets Python's other threads run while it works."""
+
+MOTION_PIXELS = 150_000
+"""Size of a window beyond which its motion is sought in a smaller copy."""
+
+LEAST_MOTION = 1.0
+"""Pixels that the object moves and the background, whose texture and grain mislead the flow, does not."""
+
+MOTION_SURE = 2.0
+"""Log odds that motion, or the lack of it, gives."""
+
+
+def moving_odds(frames: Frames, window: Window, noise: float) -> np.ndarray:
+    """Log odds (h, w) in `window` by what frame 0 shows there moving, before a background that stands still.
+
+    Dense flow (Kroeger 2016) to some of the next frames, believed where the flow back returns to its start and explains the pixel better
+    than standing still does. What differs from frame 0 in none of them stands still.
+    """
+    size = window[2] - window[0], window[3] - window[1]
+    scale = min(1.0, float(np.sqrt(MOTION_PIXELS / (size[0] * size[1]))))
+    small = max(8, round(size[0] * scale)), max(8, round(size[1] * scale))
+
+    def seen(t: int) -> np.ndarray:
+        return cv2.resize(cut(frames[t], window), small, interpolation=cv2.INTER_AREA) if scale < 1.0 else cut(frames[t], window)
+
+    first = seen(0)
+    gray = cv2.cvtColor(first, cv2.COLOR_RGB2GRAY)
+    y, x = np.mgrid[: gray.shape[0], : gray.shape[1]].astype(np.float32)
+
+    def flow(before: np.ndarray, after: np.ndarray) -> np.ndarray:
+        return cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM).calc(before, after, None)
+
+    def looked_at(crop: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """How far each pixel moves for certain (h, w) float32 [px], and whether it changes (h, w) bool."""
+        later = cv2.cvtColor(crop, cv2.COLOR_RGB2GRAY)
+        there, back = flow(gray, later), flow(later, gray)
+        at_x, at_y = x + there[..., 0], y + there[..., 1]
+        returns = cv2.remap(back, at_x, at_y, cv2.INTER_LINEAR) + there
+        still = largest(cv2.GaussianBlur(cv2.absdiff(crop, first).astype(np.float32), (0, 0), 1.0))
+        flown = cv2.remap(crop, at_x, at_y, cv2.INTER_LINEAR)
+        left = largest(cv2.GaussianBlur(cv2.absdiff(flown, first).astype(np.float32), (0, 0), 1.0))
+        sure = (cv2.magnitude(returns[..., 0], returns[..., 1]) < 1.0) & (left < still - 1.5 * noise) & (left < 8.0 * noise)
+        return np.where(sure, cv2.magnitude(there[..., 0], there[..., 1]), np.float32(0.0)), still > 6.0 * noise
+
+    moved, changed = np.zeros(gray.shape, np.float32), np.zeros(gray.shape, np.int32)
+    with ThreadPoolExecutor(CORES) as cores:
+        for far, differs in cores.map(looked_at, (seen(t) for t in LATER if t < len(frames))):
+            moved, changed = np.maximum(moved, far), changed + differs
+    share = share_of(moved > LEAST_MOTION * scale)
+    odds = np.where(share > 0.4, MOTION_SURE, np.where((changed == 0) & (share < 0.1), -MOTION_SURE, 0.0)).astype(np.float32)
+    return cv2.resize(odds, size, interpolation=cv2.INTER_LINEAR) if scale < 1.0 else odds
+
+
+def share_of(moved: np.ndarray) -> np.ndarray:
+    """Which part of each pixel's neighbourhood has `moved` (h, w) bool, (h, w) float32."""
+    across = max(3, int(0.04 * min(moved.shape))) | 1
+    return cv2.blur(moved.astype(np.float32), (across, across))
