@@ -41,8 +41,8 @@ SURE = "seeing_wind_sure"
 ARROWS = "seeing_wind_arrows"
 """Custom property of a field object that was taken from the library: its arrows, which were made then; of these: True."""
 
-COPIED = "seeing_wind_copied"
-"""Custom property of the object with the values of a field that was duplicated: True."""
+WITH_FIELD = "seeing_wind_with_field"
+"""Custom property of the object with a field's values: True where it goes with the field, of a copy and of a wind out of the library."""
 
 LOOP = "seeing_wind_loop"
 """Custom property of a field object: whether its first frame follows its last; the user's."""
@@ -168,8 +168,8 @@ def lacks_arrows(obj: Any) -> bool:
 
 
 def has_lost_field(obj: Any, scene: Any) -> bool:
-    """Whether an object belongs to a field that has been deleted since: arrows of a wind out of the library, values of a copy."""
-    if obj.library is not None or not (obj.get(ARROWS) is True or COPIED in obj):
+    """Whether an object belongs to a field that has been deleted since: arrows of a wind out of the library, values of one or of a copy."""
+    if obj.library is not None or not (obj.get(ARROWS) is True or WITH_FIELD in obj):
         return False
     return obj.parent is None or scene not in obj.parent.users_scene
 

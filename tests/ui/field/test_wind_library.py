@@ -185,6 +185,13 @@ def test_a_wind_that_was_dragged_or_appended_gets_its_arrows_once(library, monke
     assert left not in bpy.data.objects and left not in bpy.data.meshes, "those of a deleted wind go with it"
     assert values not in bpy.data.objects and values not in bpy.data.meshes, "and what a copy carried"
     assert read_samples(samples_of(field)).velocity[:, 0, 0] == pytest.approx(SPEEDS), "the first wind keeps its own"
+    values = samples_of(field).name
+    assert values in scene.objects, "Blender's Append puts it there"
+    with bpy.context.temp_override(selected_objects=[field]):
+        bpy.ops.object.delete()
+    bpy.context.view_layer.update()
+    registered[-1]()
+    assert not scene.objects and values not in bpy.data.objects
 
 
 def test_a_wind_goes_by_at_its_own_speed_and_what_it_carries_is_whole(library) -> None:

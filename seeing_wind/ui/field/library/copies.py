@@ -11,7 +11,7 @@ import contextlib
 import bpy
 from bpy.app.handlers import persistent
 
-from ..display import CARRIED, COPIED, KIND, has_lost_field, is_field, lacks_arrows, stride_of
+from ..display import CARRIED, KIND, WITH_FIELD, has_lost_field, is_field, lacks_arrows, stride_of
 
 
 def copies_in(scene: bpy.types.Scene) -> list[bpy.types.Object]:
@@ -35,7 +35,7 @@ def make_independent(field: bpy.types.Object) -> None:
     values = read_samples(field[CARRIED])
     field.data = field.data.copy()
     field[CARRIED] = create_samples(field, values, int(field["seeing_wind_frame_start"]), SOLVER_DELAY)
-    field[CARRIED][COPIED] = True
+    field[CARRIED][WITH_FIELD] = True
     set_stride(field, stride_of(field))
     make_again(field, field["seeing_wind_reach"], field[KIND])
 
