@@ -7,6 +7,7 @@ import pytest
 
 from seeing_wind.ui.composite import composite
 from seeing_wind.ui.composite.own import changes
+from tests.ui.composite.rendering import render
 
 
 def _output(scene) -> dict:
@@ -58,3 +59,20 @@ def test_exposure_and_look_would_change_the_clip_too(scene):
     ]  # fmt: skip
     assert not [each for each in composite.set_up(scene, samples=1).warnings if "colors" in each]
     assert (view.look, view.exposure, view.gamma, view.use_curve_mapping) == ("None", 0.0, 1.0, False)
+
+
+def test_nodes_that_the_user_puts_behind_ours_stay_there(scene, tmp_path):
+    composite.set_up(scene, samples=1)
+    tree = getattr(scene, "compositing_node_group", None) or scene.node_tree
+    output = next(node for node in tree.nodes if node.bl_idname in ("NodeGroupOutput", "CompositorNodeComposite"))
+    darker, viewer = tree.nodes.new("CompositorNodeExposure"), tree.nodes.new("CompositorNodeViewer")
+    darker.inputs["Exposure"].default_value = -20.0
+    tree.links.new(output.inputs[0].links[0].from_socket, darker.inputs[0])
+    tree.links.new(output.inputs[0].links[0].from_socket, viewer.inputs[0])
+    tree.links.new(darker.outputs[0], output.inputs[0])
+    composite.set_up(scene, samples=1, grain=0.0)
+    assert render(tmp_path / "dark.png").max() < 4, "the exposure acts on the new composite"
+    assert viewer.inputs[0].links[0].from_socket == darker.inputs[0].links[0].from_socket
+    tree.nodes.remove(darker)
+    composite.set_up(scene, samples=1)
+    assert render(tmp_path / "bright.png").max() > 100, "without them ours is the output"
