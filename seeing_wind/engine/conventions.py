@@ -126,3 +126,9 @@ BODY, TIME = "body", "time"
 def constant(value: Any, unit: str, reason: str, source: str) -> Any:
     """A field of a record of constants: a number or a tuple of them, its unit ("1" for none), what it is for, and where it is from."""
     return field(default=value, metadata={"unit": unit, "reason": reason, "source": source})
+
+
+def weight_in_words(areal_density: float, area: float) -> str:
+    """Areal density [kg/m²] and mass of a sheet of `area` [m²], for a person, in grams where that is less than a kilogram."""
+    mass = areal_density * area
+    return f"{float(f'{1e3 * areal_density:.3g}'):g} g/m², " + (f"{1e3 * mass:.3g} g" if mass < 0.9995 else f"{mass:.3g} kg")

@@ -65,6 +65,8 @@ def hide_default_cube(scene: bpy.types.Scene) -> str:
     if cube.hide_get(view_layer=layer):
         return ""
     cube.hide_set(True, view_layer=layer)
+    if layer.objects.active == cube:
+        layer.objects.active = None
     return "Blender's default Cube stood in front of the clip: hidden, Alt H shows it again"
 
 

@@ -30,7 +30,7 @@ from .film import drop_lenses, grain_of, lens_of, set_focus, softness_of
 from .light import light_scene
 from .mattes import IMAGE, Mattes, mattes_of, set_card
 from .overscan import set_overscan
-from .own import drop_unused, said_of_render, set_render
+from .own import drop_unused, said_of_render, set_output, set_render
 
 PLATE = "Seeing Wind Clean Plate"
 ASTRAY = 0.01
@@ -154,13 +154,17 @@ def set_up(
 def render(scene: bpy.types.Scene, path: Path, *, still: bool = False) -> None:
     """Render the whole range into a video (H.264 in MP4), or the current frame into a PNG. Without a window it waits.
 
+    The scene has its own output settings again when it is done.
+
     Raises:
-        UsageError: when the clip begins before frame 0, where Blender renders nothing, its file is gone, `path` is footage, or the scene
-            renders several views.
+        UsageError: when the clip begins before frame 0, where Blender renders nothing, its file is gone, `path` is footage, the scene
+            renders several views, or Blender is rendering already.
         SeeingWindError: when Blender could not write the file.
     """
     check_film(scene.active_clip)
     refuse_footage(path)
+    if bpy.app.is_job_running("RENDER"):
+        raise UsageError("Blender is rendering already.", "Wait for it, or stop it with Esc in its window.")
     if scene.render.use_multiview:
         raise UsageError(
             "Stereoscopy is on, which renders an image for each eye, and the clip has one.", "Switch it off (Properties > Output)."
@@ -171,23 +175,16 @@ def render(scene: bpy.types.Scene, path: Path, *, still: bool = False) -> None:
             f"The clip begins at frame {first}, and Blender renders videos from frame 0 on.", "Set First Frame to 1 and press Reload."
         )
     path.parent.mkdir(parents=True, exist_ok=True)
-    image, ffmpeg = scene.render.image_settings, scene.render.ffmpeg
-    if hasattr(image, "media_type"):  # from Blender 5.0
-        image.media_type = "IMAGE" if still else "VIDEO"
-    image.file_format = "PNG" if still else "FFMPEG"
-    if still:
-        image.color_mode = "RGB"
-    else:
-        ffmpeg.format, ffmpeg.codec, ffmpeg.audio_codec = "MPEG4", "H264", "NONE"
-        ffmpeg.constant_rate_factor, ffmpeg.ffmpeg_preset = "HIGH", "GOOD"
-    scene.render.use_compositing, scene.render.use_sequencer = True, False
-    scene.render.filepath, scene.render.use_file_extension = str(path), False
+    give_back, running = set_output(scene, path, still), False
     call = "EXEC_DEFAULT" if bpy.app.background else "INVOKE_DEFAULT"
     with bpy.context.temp_override(scene=scene):
         try:
-            bpy.ops.render.render(call, animation=not still, write_still=still)
+            running = "RUNNING_MODAL" in bpy.ops.render.render(call, animation=not still, write_still=still)
         except RuntimeError as error:
             raise SeeingWindError(f"Blender could not render {path}: {said_by(error)}.", "Check that the folder can be written.") from error
+        finally:
+            if not running:
+                give_back()
 
 
 def astray(scene: bpy.types.Scene) -> str:

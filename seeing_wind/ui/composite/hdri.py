@@ -38,13 +38,15 @@ def set_hdri(scene: bpy.types.Scene) -> Path:
     return path
 
 
-def unset_hdri(scene: bpy.types.Scene) -> None:
-    """Give the scene back the world that it had before `set_hdri`."""
+def unset_hdri(scene: bpy.types.Scene) -> bool:
+    """Give the scene back the world that it had before `set_hdri`. Returns whether there was a panorama."""
     world, settings = scene.world, scene.seeing_wind
-    if world is not None and world.name.split(".")[0] == WORLD:
-        scene.world, settings.former_world = settings.former_world, None
-        if world.users == 0:
-            bpy.data.worlds.remove(world)
+    if world is None or world.name.split(".")[0] != WORLD:
+        return False
+    scene.world, settings.former_world = settings.former_world, None
+    if world.users == 0:
+        bpy.data.worlds.remove(world)
+    return True
 
 
 def _panorama(path: Path, written: str) -> bpy.types.Image:

@@ -127,8 +127,7 @@ def light_scene(scene: bpy.types.Scene, surroundings: np.ndarray | None) -> str:
         for obj in (*default, *ours):
             obj.hide_render = True
         return f"the light of {path.name}"
-    unset_hdri(scene)
-    for obj in ours:
+    for obj in ours if unset_hdri(scene) else ():
         obj.hide_render = False
     if len(lights) > len(default) and not ours:
         return ""
@@ -164,7 +163,7 @@ def set_light(scene: bpy.types.Scene, surroundings: np.ndarray | None, seen: tup
     if sun is None:
         sun = bpy.data.objects.new(SUN, bpy.data.lights.new(SUN, "SUN"))
         scene.collection.objects.link(sun)
-    elif not _is_as_made(sun):
+    elif sun.hide_render or not _is_as_made(sun):
         return False
     sun.data.energy, sun.data.color, sun.data.angle = light.energy, light.colour, math.radians(2.0)
     sun.rotation_euler = SUN_ANGLES if seen is None else seen[0].to_track_quat("Z", "Y").to_euler()

@@ -11,6 +11,8 @@ from .film import Lens
 from .mattes import COVERED, Mattes
 
 TREE = "Seeing Wind Composite"
+LAST = 2
+"""Value of the custom property of the node with the finished image; of our other nodes it is True."""
 
 
 def is_set_up(scene: bpy.types.Scene) -> bool:
@@ -23,7 +25,7 @@ def build(
     scene: bpy.types.Scene, clip: bpy.types.MovieClip, plate: bpy.types.Image | None, mattes: Mattes | None, grain: float,
     lens: Lens | None, rendered: bpy.types.Scene,
 ) -> None:  # fmt: skip
-    """Other nodes of the user's stay; ours are made anew.
+    """Other nodes of the user's stay, also between ours and the output; ours are made anew.
 
     Args:
         plate: covers the clip's object; None shows the clip as it is.
@@ -33,6 +35,7 @@ def build(
         rendered: the scene whose render is put over the clip, see `overscan`.
     """
     tree, output = _tree(scene)
+    fed = [link.to_socket for link in tree.links if link.from_node.get("seeing_wind") == LAST and not link.to_node.get("seeing_wind")]
     for node in [node for node in tree.nodes if node.get("seeing_wind")]:
         tree.nodes.remove(node)
     make = _Maker(tree, lens)
@@ -47,7 +50,11 @@ def build(
         made = alpha.outputs["Alpha"]
         made = made if covered is None else make.math("MAXIMUM", covered, made)
         image = _grained(make, image, make.math("MULTIPLY", made, grain))
-    tree.links.new(image, output.inputs[0])
+    image.node["seeing_wind"] = LAST
+    for socket in fed:
+        tree.links.new(image, socket)
+    if not fed or not output.inputs[0].links:
+        tree.links.new(image, output.inputs[0])
     output.location = (260 * make.count, 0)
 
 

@@ -1,11 +1,40 @@
-"""What is in a scene already: what was set up before, found by its name, which Blender numbers where another scene has the same; and
-which of the user's render settings change. Without NumPy: the panel says it beforehand."""
+"""What is in a scene already: what was set up before, found by its name, which Blender numbers where another scene has the same; which
+of the user's render settings change; and those of the output, which a render of ours gives back. Without NumPy: the panel says beforehand
+what changes."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
 import bpy
+
+AS_FILMED = {
+    "view_transform": "Standard", "look": "None", "exposure": 0.0, "gamma": 1.0, "use_curve_mapping": False, "use_white_balance": False,
+}  # fmt: skip
+"""View settings that leave the clip's colors as they were filmed."""
+SETTING = {
+    "view_transform": "view transform", "look": "look", "exposure": "view exposure", "gamma": "view gamma",
+    "use_curve_mapping": "use of curves", "use_white_balance": "white balance",
+}  # fmt: skip
+"""Words for these."""
+OUTPUT = (
+    ("render", ("filepath", "use_file_extension", "use_compositing", "use_sequencer")),
+    ("render.image_settings", ("media_type", "file_format")),
+    ("render.ffmpeg", (
+        "format", "codec", "audio_codec", "constant_rate_factor", "ffmpeg_preset",
+        # which Blender fills in for whoever has never chosen a video
+        "video_bitrate", "minrate", "maxrate", "muxrate", "gopsize", "buffersize", "packetsize", "audio_bitrate",
+    )),
+    ("render.image_settings", ("color_mode", "color_depth", "color_management")),
+)  # fmt: skip
+"""What a render of ours sets of a scene's output, or what changes with it, in the order in which it can be set: the later ones depend on
+what the earlier ones are."""
+
+ENDS = (bpy.app.handlers.render_complete, bpy.app.handlers.render_cancel)
+"""Who is told that a render has ended."""
 
 
 def is_called(datablock: bpy.types.ID, name: str) -> bool:
@@ -24,13 +53,13 @@ def drop_unused(blocks: bpy.types.bpy_prop_collection, name: str) -> None:
         blocks.remove(each)
 
 
-def changes(scene: bpy.types.Scene, use_cycles: bool, use_standard: bool) -> list[tuple[str, str, str, str]]:
+def changes(scene: bpy.types.Scene, use_cycles: bool, use_standard: bool) -> list[tuple[str, str, Any, str]]:
     """Which render settings `set_render` changes: whose, its name, the new value, and the change in words."""
     render, view, found = scene.render, scene.view_settings, []
     if use_cycles and render.engine != "CYCLES":
         found.append(("render", "engine", "CYCLES", f"render engine from {_engine(render.engine)} to Cycles"))
-    if use_standard and view.view_transform != "Standard":
-        found.append(("view_settings", "view_transform", "Standard", f"view transform from {view.view_transform} to Standard"))
+    for name in _recolors(view) if use_standard else ():
+        found.append(("view_settings", name, AS_FILMED[name], _instead(view, name)))
     return found
 
 
@@ -45,12 +74,67 @@ def set_render(scene: bpy.types.Scene, use_cycles: bool, use_standard: bool) -> 
 
 def said_of_render(scene: bpy.types.Scene) -> list[str]:
     """What the scene's own engine and colors take away from a composite."""
-    said, engine, view = [], scene.render.engine, scene.view_settings.view_transform
+    said, engine, view = [], scene.render.engine, scene.view_settings
     if engine != "CYCLES":
         said.append(f"{_engine(engine)} catches no shadows: tick Use Cycles.")
-    if view != "Standard":
-        said.append(f"The view transform {view} changes the clip's colors, too: tick Standard View.")
+    for name in _recolors(view):
+        said.append(f"The {SETTING[name]}{_value(view, name)} changes the clip's colors, too: tick Standard View.")
     return said
+
+
+def set_output(scene: bpy.types.Scene, path: Path, still: bool) -> Callable[[], None]:
+    """Let a render of the scene write a PNG, or a video as H.264 in MP4, and nothing but the composite.
+
+    Returns:
+        What gives the scene its own output back. In a window it is called by itself once a render has ended.
+    """
+    settings = [(owner, scene.path_resolve(owner), name) for owner, names in OUTPUT for name in names]
+    former = [(owner, name, getattr(holder, name)) for owner, holder, name in settings if hasattr(holder, name)]
+    render, image, ffmpeg, known = scene.render, scene.render.image_settings, scene.render.ffmpeg, scene.session_uid
+    if hasattr(image, "media_type"):  # from Blender 5.0
+        image.media_type = "IMAGE" if still else "VIDEO"
+    image.file_format, image.color_management = ("PNG" if still else "FFMPEG"), "FOLLOW_SCENE"
+    if still:
+        image.color_mode = "RGB"
+    else:
+        ffmpeg.format, ffmpeg.codec, ffmpeg.audio_codec = "MPEG4", "H264", "NONE"
+        ffmpeg.constant_rate_factor, ffmpeg.ffmpeg_preset = "HIGH", "GOOD"
+    render.use_compositing, render.use_sequencer = True, False
+    render.filepath, render.use_file_extension = str(path), False
+
+    def give_back() -> None:
+        for each in ENDS if ended in ENDS[0] else ():
+            each.remove(ended)
+        found = next((each for each in bpy.data.scenes if each.session_uid == known), None)
+        for owner, name, value in former if found is not None else ():
+            setattr(found.path_resolve(owner), name, value)
+
+    def ended(*_: object) -> None:  # in the thread that renders, where no data may be changed
+        if not bpy.app.timers.is_registered(give_back):
+            bpy.app.timers.register(give_back)
+
+    for each in () if bpy.app.background else ENDS:
+        each.append(ended)
+    return give_back
+
+
+def _recolors(view: bpy.types.ColorManagedViewSettings) -> list[str]:
+    """Names of the view settings that change the clip's colors, too."""
+    return [name for name, value in AS_FILMED.items() if getattr(view, name) != value]
+
+
+def _value(view: bpy.types.ColorManagedViewSettings, name: str) -> str:
+    """The value of a view setting, after its word; "" for what is on or off."""
+    value = getattr(view, name)
+    return "" if isinstance(value, bool) else f" {value}" if isinstance(value, str) else f" {value:.3g}"
+
+
+def _instead(view: bpy.types.ColorManagedViewSettings, name: str) -> str:
+    """The change of a view setting to what it is in `AS_FILMED`."""
+    new = AS_FILMED[name]
+    if isinstance(new, bool):
+        return f"{SETTING[name]} off"
+    return f"{SETTING[name]} from{_value(view, name)} to {new if isinstance(new, str) else f'{new:g}'}"
 
 
 def _engine(name: str) -> str:

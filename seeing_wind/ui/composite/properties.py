@@ -50,7 +50,8 @@ class Look:
     )  # fmt: skip
     use_standard: BoolProperty(
         name="Standard View", default=True, options=KEPT,
-        description="The view transform Standard leaves the clip's colors as they were filmed; otherwise the scene keeps its own",
+        description="The view transform Standard without look, exposure, gamma, curves and white balance leaves the clip's colors as "
+        "they were filmed; otherwise the scene keeps its own",
     )  # fmt: skip
 
 

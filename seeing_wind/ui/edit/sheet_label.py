@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import bpy
 
+from ...engine.conventions import weight_in_words
 from ...engine.materials import SHEET_UNITS, SHEETS
-from ..field.display import in_figures
 from ..scene_units import metres_per_unit
 from .resimulate.geometry import once_per_shape
 
@@ -60,8 +60,4 @@ def shell_words(body: bpy.types.PropertyGroup) -> str:
     areal = body.areal_density if body.use_areal_density else sheet.areal_density
     areal = body.density * thickness if body.use_density else areal
     areal = (body.mass / body.open_area if body.use_mass else areal) * body.mass_scale
-    return f"Shell, {in_figures(1e3 * areal)} g/m², {_in_grams(areal * body.open_area)}, {1e3 * thickness:.2g} mm thick"
-
-
-def _in_grams(mass: float) -> str:
-    return f"{1e3 * mass:.3g} g" if mass < 1.0 else f"{mass:.3g} kg"
+    return f"Shell, {weight_in_words(areal, body.open_area)}, {1e3 * thickness:.2g} mm thick"

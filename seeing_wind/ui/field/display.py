@@ -41,6 +41,9 @@ SURE = "seeing_wind_sure"
 ARROWS = "seeing_wind_arrows"
 """Custom property of a field object that was taken from the library: its arrows, which were made then; of these: True."""
 
+WITH_FIELD = "seeing_wind_with_field"
+"""Custom property of the object with a field's values: True where it goes with the field, of a copy and of a wind out of the library."""
+
 LOOP = "seeing_wind_loop"
 """Custom property of a field object: whether its first frame follows its last; the user's."""
 
@@ -165,8 +168,10 @@ def lacks_arrows(obj: Any) -> bool:
 
 
 def has_lost_field(obj: Any, scene: Any) -> bool:
-    """Whether an object is the arrows of a wind out of the library that has been deleted since."""
-    return obj.get(ARROWS) is True and obj.library is None and (obj.parent is None or scene not in obj.parent.users_scene)
+    """Whether an object belongs to a field that has been deleted since: arrows of a wind out of the library, values of one or of a copy."""
+    if obj.library is not None or not (obj.get(ARROWS) is True or WITH_FIELD in obj):
+        return False
+    return obj.parent is None or scene not in obj.parent.users_scene
 
 
 def is_field(obj: Any) -> bool:

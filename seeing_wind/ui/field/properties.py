@@ -3,11 +3,23 @@
 No postponed annotations here: Blender reads these annotations as property definitions.
 """
 
-import bpy
-from bpy.props import BoolProperty, CollectionProperty, FloatProperty, PointerProperty, StringProperty
+from collections.abc import Callable
 
-from ..property_kinds import choice
-from .display import field_at_hand, share
+import bpy
+from bpy.props import BoolProperty, CollectionProperty, EnumProperty, FloatProperty, PointerProperty, StringProperty
+
+from ..property_kinds import KEPT
+from .display import KIND, field_at_hand, share
+
+KINDS = [
+    ("WIND", "Wind", "Air that moves: it pushes bodies by their own surface, and slows what is faster than it"),
+    ("FORCE", "Force", "The force per volume that the filmed object felt, whatever the body and its speed"),
+]
+REACHES = [
+    ("FADE", "Fade", "It fades over three quarters of the box's length: nothing is known there"),
+    ("HOLD", "Hold", "As strong as at the nearest edge of the box, however far away"),
+    ("CONTINUE", "Continue", "Weaker with distance, but never zero"),
+]
 
 
 class SEEING_WIND_PG_calibration(bpy.types.PropertyGroup):
@@ -35,6 +47,30 @@ def _set_share(settings, value: float) -> None:
         field.field.strength = value * field["seeing_wind_strength"]
 
 
+def _of_field(own: str, mark: str, items: list[tuple[str, str, str]]) -> dict[str, Callable]:
+    """Access to a choice for the field at hand: `own` of the scene's own field, else what stands with the field, at first what it has."""
+    words, chosen = [word for word, *_ in items], f"{mark}_chosen"
+
+    def get(settings) -> int:
+        field = _other_field(settings)
+        return words.index(getattr(settings, own) if field is None else field.get(chosen, field.get(mark, words[0])))
+
+    def put(settings, value: int) -> None:
+        field = _other_field(settings)
+        if field is None:
+            setattr(settings, own, words[value])
+        elif field.library is None:
+            field[chosen] = words[value]
+
+    return {"get": get, "set": put}
+
+
+def _other_field(settings):
+    """The field at hand where it is not the scene's own, else None."""
+    field = field_at_hand(bpy.context) if bpy.context.scene == settings.id_data else None
+    return field if field != settings.field_object else None
+
+
 class FieldSettings:
     """What solvers feel of the field object, and where."""
 
@@ -42,15 +78,17 @@ class FieldSettings:
         name="Strength", get=_share, set=_set_share, default=1.0, soft_min=0.0, soft_max=3.0, step=10, options={"SKIP_SAVE"},
         description="Factor on the recovered field. To animate it, keyframe Strength of the object's force field, in its Physics tab",
     )  # fmt: skip
-    field_kind: choice("Solvers Feel", "What Blender's own solvers feel of a field that was recovered as a wind", [
-        ("WIND", "Wind", "Air that moves: it pushes bodies by their own surface, and slows what is faster than it"),
-        ("FORCE", "Force", "The force per volume that the filmed object felt, whatever the body and its speed"),
-    ])  # fmt: skip
-    field_reach: choice("Outside the Box", "What becomes of the wind outside the box in which it was recovered", [
-        ("FADE", "Fade", "It fades over three quarters of the box's length: nothing is known there"),
-        ("HOLD", "Hold", "As strong as at the nearest edge of the box, however far away"),
-        ("CONTINUE", "Continue", "Weaker with distance, but never zero"),
-    ])  # fmt: skip
+    field_kind: EnumProperty(
+        name="Solvers Feel", items=KINDS, options=KEPT,
+        description="What Blender's own solvers feel of a field that was recovered as a wind", **_of_field("own_kind", KIND, KINDS),
+    )  # fmt: skip
+    field_reach: EnumProperty(
+        name="Outside the Box", items=REACHES, options=KEPT,
+        description="What becomes of the wind outside the box in which it was recovered",
+        **_of_field("own_reach", "seeing_wind_reach", REACHES),
+    )  # fmt: skip
+    own_kind: EnumProperty(items=KINDS, options={"HIDDEN"}, description="That choice for the scene's own field")
+    own_reach: EnumProperty(items=REACHES, options={"HIDDEN"}, description="That choice for the scene's own field")
     real_time: BoolProperty(
         options={"HIDDEN"},
         description="The clip's motion plays at its own speed, whatever the frame rate; otherwise one clip frame per scene frame",

@@ -84,8 +84,8 @@ def build(scene: bpy.types.Scene, folder: Path, clip: str = "") -> bool:
     collection = collection_of(scene, settings.field_object)
     wind = create_field_object(
         scene, "Recovered Wind", at_nodes, fps=field.fps, density=field.density,
-        frame_start=settings.frame_start, reach=settings.field_reach, take=folder,
-        kind=settings.field_kind, speeds=(blown.mean, blown.gust) if blown else (0.0, 0.0), drag=blown.drag if blown else 0.0,
+        frame_start=settings.frame_start, reach=settings.own_reach, take=folder,
+        kind=settings.own_kind, speeds=(blown.mean, blown.gust) if blown else (0.0, 0.0), drag=blown.drag if blown else 0.0,
         collection=collection,
     )  # fmt: skip
     standing = np.broadcast_to(where.arrows, (field.frames, *where.arrows.shape))

@@ -160,6 +160,7 @@ def test_a_clip_chosen_in_a_saved_file_is_named_beside_it_and_nothing_stands_in_
     assert bpy.ops.seeing_wind.choose_clip(filepath=str(workplace / "clip.mp4")) == {"FINISHED"}
     scene = bpy.context.scene
     assert scene.seeing_wind.clip == "//clip.mp4" and scene.objects["Cube"].hide_get() and scene.objects["Cube"].hide_render
+    assert scene.view_layers[0].objects.active is None, "what is hidden is not worked on"
     assert scene.camera.data.display_size < 0.5
     # a shot of the user's own is left alone
     bpy.ops.wm.read_factory_settings(use_empty=False)

@@ -69,6 +69,15 @@ def test_sun_and_sky_follow_the_take_until_the_user_changes_them(scene):
     assert scene.world == sky and towards(scene.objects[SUN]) @ right > 0.8
 
 
+def test_a_sun_that_the_user_hides_stays_hidden(scene):
+    composite.set_up(scene, samples=1)
+    sun = scene.objects[SUN]
+    sun.hide_render = True
+    scene.collection.objects.link(bpy.data.objects.new("Key", bpy.data.lights.new("Key", "AREA")))
+    said = composite.set_up(scene, samples=1).light
+    assert sun.hide_render and "as you have set it" in said
+
+
 def test_render_sets_up_again_after_another_take_was_loaded(scene, workplace, tmp_path):
     bpy.ops.seeing_wind.set_up_composite(samples=1)
     scene.cycles.samples = 2

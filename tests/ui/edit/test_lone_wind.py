@@ -85,6 +85,23 @@ def test_it_goes_on_with_the_scene_and_loops(field):
         bpy.ops.seeing_wind.resimulate()
 
 
+def test_of_several_winds_it_is_the_selected_one(field):
+    scene = bpy.context.scene
+    other = field.copy()
+    other.name = "A Wind"
+    scene.collection.objects.link(other)
+    cube("Box")
+    bpy.ops.seeing_wind.insert_mesh(object="Box")
+    with pytest.raises(RuntimeError, match="several winds: A Wind, Wind. Select the one"):
+        bpy.ops.seeing_wind.resimulate()
+    field.select_set(True)
+    assert bpy.ops.seeing_wind.resimulate() == {"FINISHED"} and scene.seeing_wind.field_object == field
+    field.select_set(False)
+    assert lone_wind(scene) == field, "as the last time"
+    other.select_set(True)
+    assert bpy.ops.seeing_wind.resimulate() == {"FINISHED"} and scene.seeing_wind.field_object == other
+
+
 def test_a_scene_with_a_take_of_its_own_keeps_it(recovered):
     assert lone_wind(recovered) is None
 

@@ -11,7 +11,7 @@ import bpy
 import numpy as np
 import pytest
 
-from seeing_wind.ui.field.display import arrows_of, lacks_arrows
+from seeing_wind.ui.field.display import KIND, arrows_of, lacks_arrows
 from seeing_wind.ui.field.library import shelf
 from seeing_wind.ui.field.samples import read_samples, samples_of
 
@@ -177,12 +177,21 @@ def test_a_wind_that_was_dragged_or_appended_gets_its_arrows_once(library, monke
     bpy.context.view_layer.update()
     registered[-1]()
     assert arrows_of(field, scene) is None, "deleted by the user, they stay away"
-    left = arrows_of(copy, scene).name
+    left, values = arrows_of(copy, scene).name, samples_of(copy).name
     with bpy.context.temp_override(selected_objects=[copy]):
         bpy.ops.object.delete()
     bpy.context.view_layer.update()
     registered[-1]()
     assert left not in bpy.data.objects and left not in bpy.data.meshes, "those of a deleted wind go with it"
+    assert values not in bpy.data.objects and values not in bpy.data.meshes, "and what a copy carried"
+    assert read_samples(samples_of(field)).velocity[:, 0, 0] == pytest.approx(SPEEDS), "the first wind keeps its own"
+    values = samples_of(field).name
+    assert values in scene.objects, "Blender's Append puts it there"
+    with bpy.context.temp_override(selected_objects=[field]):
+        bpy.ops.object.delete()
+    bpy.context.view_layer.update()
+    registered[-1]()
+    assert not scene.objects and values not in bpy.data.objects
 
 
 def test_a_wind_goes_by_at_its_own_speed_and_what_it_carries_is_whole(library) -> None:
@@ -221,3 +230,21 @@ def test_a_copy_without_a_library_says_so(tmp_path, monkeypatch) -> None:
     shelf.entries.cache_clear()
     with pytest.raises(RuntimeError, match="damaged"):
         bpy.ops.seeing_wind.add_wind_library()
+
+
+def test_what_solvers_feel_is_chosen_for_each_wind_by_itself(library) -> None:
+    settings = bpy.context.scene.seeing_wind
+    assert bpy.ops.seeing_wind.add_wind(wind=NAMES[0]) == {"FINISHED"}
+    first = bpy.context.object
+    came = (first["seeing_wind_reach"], first[KIND])
+    assert (settings.field_reach, settings.field_kind) == came, "as it is: nothing is to be applied"
+    bpy.ops.seeing_wind.add_wind(wind=NAMES[1])
+    second = bpy.context.object
+    settings.field_reach, settings.field_kind = "CONTINUE", "FORCE"
+    assert bpy.ops.seeing_wind.apply_to_field() == {"FINISHED"}
+    assert (second["seeing_wind_reach"], second[KIND]) == ("CONTINUE", "FORCE")
+    second.select_set(False)
+    bpy.context.view_layer.objects.active = first
+    first.select_set(True)
+    assert (settings.field_reach, settings.field_kind) == came == (first["seeing_wind_reach"], first[KIND])
+    assert settings.own_reach == "FADE", "that of the next recovery stays"

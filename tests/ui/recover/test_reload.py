@@ -113,9 +113,10 @@ def test_what_the_user_still_uses_of_a_former_result_stays(recovered) -> None:
     obj = recovered.seeing_wind.recovered_object
     material = obj.data.materials[0]
     bpy.ops.mesh.primitive_cube_add()
-    bpy.context.object.data.materials.append(material)
+    cube = bpy.context.object
+    cube.data.materials.append(material)
     bpy.ops.seeing_wind.build_scene()
-    (kept,) = bpy.context.object.data.materials
+    (kept,) = cube.data.materials
     assert kept == material and any(node.type == "TEX_IMAGE" and node.image is not None for node in kept.node_tree.nodes)
     assert obj.data.materials[0] != material
 

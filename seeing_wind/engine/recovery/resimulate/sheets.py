@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from ...conventions import weight_in_words
 from ...errors import UsageError
 from ...materials import DEFAULT, PLASTIC_LAWS, SHEET_UNITS, SHEETS, Sheet, adjust, find
 from ...mpm.lattice.closed_mesh import is_closed, triangle_areas, weld
@@ -47,8 +48,8 @@ class Hanging:
     @property
     def notes(self) -> list[str]:
         """What the user should know."""
-        mass = float(self.shell.mass.sum())
-        said = [f"simulated as a shell of {mass / self.shell.surface.area.sum():.3g} kg/m², {mass:.3g} kg in all"]
+        area = float(self.shell.surface.area.sum())
+        said = [f"simulated as a shell of {weight_in_words(float(self.shell.mass.sum()) / area, area)} in all"]
         if self.ridden is not None:
             said.append(
                 f"a preview with {len(self.ridden.used)} of its {len(self.ridden.corners)} vertices: where cloth flutters it soon goes its "

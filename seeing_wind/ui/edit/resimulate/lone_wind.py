@@ -11,7 +11,7 @@ import numpy as np
 
 from ....engine.errors import UsageError
 from ....engine.take import Take, stamp_of
-from ...field.display import KIND, LOOP, frames_per_second, is_field, stride_of
+from ...field.display import KIND, LOOP, field_at_hand, frames_per_second, is_field, stride_of
 from ...field.samples import read_samples, samples_of
 from ...job import takes
 from ...scene_units import metres_per_unit
@@ -26,13 +26,24 @@ UNITS = {"force": "N/m3", "wind": "m/s"}
 
 
 def lone_wind(scene: bpy.types.Scene) -> bpy.types.Object | None:
-    """The field object of a scene that shows no take of its own, or one that was made here; None where there is none, or a take."""
+    """The field object of a scene that shows no take of its own, or one that was made here; None where there is none, or a take.
+
+    Of several it is the selected one, else that of the last time.
+
+    Raises:
+        UsageError: when it is not said which of several.
+    """
     settings = scene.seeing_wind
     if settings.recovered_take and LONE not in Take(Path(settings.recovered_take)).description().get("stages", {}):
         return None
-    known = settings.field_object
-    candidates = [known] if known is not None and scene in known.users_scene else sorted(scene.objects, key=lambda obj: obj.name)
-    return next((obj for obj in candidates if is_field(obj)), None)
+    there = [obj for obj in scene.objects if is_field(obj)]
+    meant = field_at_hand(bpy.context) if bpy.context.scene == scene else settings.field_object
+    if meant in there:
+        return meant
+    if len(there) > 1:
+        names = ", ".join(sorted(obj.name for obj in there)[:4])
+        raise UsageError(f"There are several winds: {names}.", "Select the one in which the bodies are to move, too.")
+    return there[0] if there else None
 
 
 def adopt(scene: bpy.types.Scene, field: bpy.types.Object) -> None:

@@ -1,7 +1,7 @@
 """Field objects that were duplicated: Blender's copy reads the texture of its original, and turns with it. It gets one of its own.
 
-A wind that was dragged or appended from the library, without an operator of ours, gets its arrows in the same way, and those of one that
-was deleted go.
+A wind that was dragged or appended from the library, without an operator of ours, gets its arrows in the same way. What belonged to a copy
+or to such a wind goes when it is deleted.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import contextlib
 import bpy
 from bpy.app.handlers import persistent
 
-from ..display import CARRIED, KIND, has_lost_field, is_field, lacks_arrows, stride_of
+from ..display import CARRIED, KIND, WITH_FIELD, has_lost_field, is_field, lacks_arrows, stride_of
 
 
 def copies_in(scene: bpy.types.Scene) -> list[bpy.types.Object]:
@@ -35,6 +35,7 @@ def make_independent(field: bpy.types.Object) -> None:
     values = read_samples(field[CARRIED])
     field.data = field.data.copy()
     field[CARRIED] = create_samples(field, values, int(field["seeing_wind_frame_start"]), SOLVER_DELAY)
+    field[CARRIED][WITH_FIELD] = True
     set_stride(field, stride_of(field))
     make_again(field, field["seeing_wind_reach"], field[KIND])
 
@@ -53,8 +54,8 @@ def _make_all_independent() -> float | None:
                 make_independent(field)
         for field in [obj for obj in scene.objects if lacks_arrows(obj)] if scene.library is None else ():
             show_arrows(scene, field)
-        for arrows in [obj for obj in scene.objects if has_lost_field(obj, scene)] if scene.library is None else ():
-            discard(arrows)
+        for left in [obj for obj in scene.objects if has_lost_field(obj, scene)] if scene.library is None else ():
+            discard(left)
     return None
 
 

@@ -116,6 +116,7 @@ def test_a_sheet_has_a_quarter_of_the_vertices_and_moves_alike(folder):
     assert full.shell and coarse.shell and substeps_for(FPS, 2.0) == substeps_for(FPS) / 2
     assert full.particles == 961 and coarse.particles < 300 and coarse.vertices.shape == full.vertices.shape
     assert 0.0 < off(coarse, full) < 0.1
+    assert full.notes[0] == "simulated as a shell of 120 g/m², 19.2 g in all", "as the panel said before"
     assert f"with {coarse.particles} of its 961 vertices" in coarse.notes[1] and not any("preview" in note for note in full.notes)
     held = np.load(folder / "sheet.npy")
     assert np.abs(coarse.vertices[:, held] - full.vertices[:, held]).max() < 1e-9, "what is held stays where it is"
