@@ -52,7 +52,7 @@ def moving_from(frames: Frames, inside: np.ndarray, plate: Plate, progress: Prog
     if moves > RESTS * boxed.sum():
         return soon
     x0, y0, x1, y1 = window_of(inside, 0)
-    wide = within(window_of(inside, max(x1 - x0, y1 - y0)), inside)
+    wide = within(window_of(inside, max(x1 - x0, y1 - y0, NEARBY)), inside)  # flow needs 12 px
     odds = np.zeros(inside.shape, np.float32)
     paste(odds, moved_later(frames, wide, plate.noise, progress), wide)
     return (lambda window: cut(odds, window)) if (inside & (odds > 0.0)).sum() > max(MORE * moves, MOVES * inside.sum()) else soon
