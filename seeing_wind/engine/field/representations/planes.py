@@ -45,11 +45,14 @@ class _Gathered(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx: Any, table: torch.Tensor, rows: torch.Tensor, weights: torch.Tensor) -> torch.Tensor:
+        """table (nodes, features), rows (S, Q) int64 and weights (S, Q) -> (S, features)."""
         ctx.save_for_backward(table, rows, weights)
         return nn.functional.embedding_bag(rows, table, mode="sum", per_sample_weights=weights)
 
     @staticmethod
     def backward(ctx: Any, *slopes: torch.Tensor) -> tuple[torch.Tensor | None, None, torch.Tensor | None]:
+        """d loss / d output (S, features) -> d loss / d table and d weights, of their shapes, where they are asked for: as the output is
+        A table with the sparse A (S, nodes) of weights, the first is A^T d loss / d output."""
         table, rows, weights = ctx.saved_tensors
         (slope,) = slopes
         of_table = of_weights = None

@@ -8,8 +8,8 @@ import numpy as np
 from ....progress import Progress
 from ...clip.stored import Frames
 from ..background import SHADOW, largest
-from ..motion import Window, cut
-from .soon import LEAST_MOTION, MOTION_PIXELS, MOTION_SURE, share_of
+from ..motion import Window
+from .soon import LEAST_MOTION, MOTION_SURE, share_of, shrunk
 
 OFTEN = 0.3
 """Part of the frames in which most of the object is seen away from its place, in which a pixel has to be, too: what passes before a still
@@ -30,13 +30,7 @@ def moved_later(frames: Frames, window: Window, noise: float, progress: Progress
     Flow from frame to frame is added up until it does not return, that is until the pixel is hidden. It is believed where what lies at its
     end is like frame 0, but for a change of light, and what lies at the pixel's own place is not. What never differs stands still.
     """
-    size = window[2] - window[0], window[3] - window[1]
-    scale = min(1.0, float(np.sqrt(MOTION_PIXELS / (size[0] * size[1]))))
-    small = max(8, round(size[0] * scale)), max(8, round(size[1] * scale))
-
-    def seen(t: int) -> np.ndarray:
-        return cv2.resize(cut(frames[t], window), small, interpolation=cv2.INTER_AREA) if scale < 1.0 else cut(frames[t], window)
-
+    size, scale, seen = shrunk(frames, window)
     first = seen(0)
     before = cv2.cvtColor(first, cv2.COLOR_RGB2GRAY)
     grid = np.stack(np.meshgrid(*(np.arange(side, dtype=np.float32) for side in before.shape[::-1])), axis=-1)

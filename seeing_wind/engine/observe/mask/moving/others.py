@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import cv2
 import numpy as np
 
@@ -22,12 +24,38 @@ SAMPLES = 20_000
 """Pixels of what comes up to the object whose colours are kept."""
 
 
-class Beside:
-    """Another thing that moves beside the object: what differs from the background there and moves otherwise. It is not taken in where the
-    two touch."""
+class _Carried:
+    """A part of the frame that is carried from one frame to the next: the pixels `_part` of the box `_window`."""
+
+    name: ClassVar[str]
+    """Of its arrays."""
 
     def __init__(self) -> None:
         self._part, self._window = np.zeros((0, 0), bool), (0, 0, 0, 0)
+
+    def over(self, where: Window) -> np.ndarray:
+        """(h, w) bool in a window."""
+        return placed(self._part, self._window, where)
+
+    def any(self) -> bool:
+        """Whether anything is left of it."""
+        return bool(self._part.any())
+
+    def state(self) -> dict[str, np.ndarray]:
+        """All that the frames to come depend on."""
+        return {self.name: self._part, f"{self.name}_window": np.array(self._window)}
+
+    def resume(self, state: dict[str, np.ndarray]) -> None:
+        """Go on from what `state` gave."""
+        x0, y0, x1, y1 = (int(value) for value in state[f"{self.name}_window"])
+        self._part, self._window = state[self.name], (x0, y0, x1, y1)
+
+
+class Beside(_Carried):
+    """Another thing that moves beside the object: what differs from the background there and moves otherwise. It is not taken in where the
+    two touch."""
+
+    name = "beside"
 
     def move(self, flow: Flow | None, motion: np.ndarray) -> None:
         """Each pixel by the `flow` to the next frame; what moves by `motion` (2,) [px], as the object does, is dropped."""
@@ -47,14 +75,6 @@ class Beside:
         self._part = cv2.morphologyEx(part, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8)) > 0
         x0, y0 = self._window[:2]
         self._window = (x0 + int(low[0]), y0 + int(low[1]), x0 + int(high[0]), y0 + int(high[1]))
-
-    def over(self, where: Window) -> np.ndarray:
-        """(h, w) bool in a window."""
-        return placed(self._part, self._window, where)
-
-    def any(self) -> bool:
-        """Whether there is one."""
-        return bool(self._part.any())
 
     @property
     def window(self) -> Window:
@@ -77,23 +97,16 @@ class Beside:
         other = np.bincount(labels[core > 0], minlength=count) > 0
         self._part, self._window = other[labels], where
 
-    def state(self) -> dict[str, np.ndarray]:
-        """All that the frames to come depend on."""
-        return {"beside": self._part, "beside_window": np.array(self._window)}
 
-    def resume(self, state: dict[str, np.ndarray]) -> None:
-        """Go on from what `state` gave."""
-        x0, y0, x1, y1 = (int(value) for value in state["beside_window"])
-        self._part, self._window = state["beside"], (x0, y0, x1, y1)
-
-
-class Along:
+class Along(_Carried):
     """Another thing that moves along with the object, as a hand that holds it does: known in frame 0, then carried by the flow, whatever is
     behind it."""
 
+    name = "along"
+
     def __init__(self, mask: np.ndarray | None) -> None:
         """`mask` (H, W) bool: the other thing in frame 0, if there is one."""
-        self._part, self._window = np.zeros((0, 0), bool), (0, 0, 0, 0)
+        super().__init__()
         if mask is not None and mask.any():
             self._window = window_of(mask, 0)
             self._part = cut(mask, self._window).copy()
@@ -117,29 +130,12 @@ class Along:
         both = joined(self._window, beside.window) if self.any() else beside.window
         self._part, self._window = self.over(both) | beside.over(both), both
 
-    def any(self) -> bool:
-        """Whether anything is left of it."""
-        return bool(self._part.any())
-
-    def over(self, where: Window) -> np.ndarray:
-        """(h, w) bool in a window."""
-        return placed(self._part, self._window, where)
-
     def keep(self, more: np.ndarray, background: np.ndarray, found: np.ndarray, where: Window) -> None:
         """After a frame, (h, w) bool in the window `where`: what may be `more` of it beside it, where the `background` is seen, and what is
         `found` to be the object."""
         both = joined(self._window, where)
         part, (more, background, found) = self.over(both), (placed(one, where, both) for one in (more, background, found))
         self._part, self._window = (part & ~background | grown(part) & more & ~enclosed(found)) & ~found, both
-
-    def state(self) -> dict[str, np.ndarray]:
-        """All that the frames to come depend on."""
-        return {"along": self._part, "along_window": np.array(self._window)}
-
-    def resume(self, state: dict[str, np.ndarray]) -> None:
-        """Go on from what `state` gave."""
-        x0, y0, x1, y1 = (int(value) for value in state["along_window"])
-        self._part, self._window = state["along"], (x0, y0, x1, y1)
 
 
 class Arrives:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
 import cv2
@@ -33,13 +34,7 @@ def moving_odds(frames: Frames, window: Window, noise: float) -> np.ndarray:
     Dense flow (Kroeger 2016) to some of the next frames, believed where the flow back returns to its start and explains the pixel better
     than standing still does. What differs from frame 0 in none of them stands still.
     """
-    size = window[2] - window[0], window[3] - window[1]
-    scale = min(1.0, float(np.sqrt(MOTION_PIXELS / (size[0] * size[1]))))
-    small = max(8, round(size[0] * scale)), max(8, round(size[1] * scale))
-
-    def seen(t: int) -> np.ndarray:
-        return cv2.resize(cut(frames[t], window), small, interpolation=cv2.INTER_AREA) if scale < 1.0 else cut(frames[t], window)
-
+    size, scale, seen = shrunk(frames, window)
     first = seen(0)
     gray = cv2.cvtColor(first, cv2.COLOR_RGB2GRAY)
     y, x = np.mgrid[: gray.shape[0], : gray.shape[1]].astype(np.float32)
@@ -66,6 +61,18 @@ def moving_odds(frames: Frames, window: Window, noise: float) -> np.ndarray:
     share = share_of(moved > LEAST_MOTION * scale)
     odds = np.where(share > 0.4, MOTION_SURE, np.where((changed == 0) & (share < 0.1), -MOTION_SURE, 0.0)).astype(np.float32)
     return cv2.resize(odds, size, interpolation=cv2.INTER_LINEAR) if scale < 1.0 else odds
+
+
+def shrunk(frames: Frames, window: Window) -> tuple[tuple[int, int], float, Callable[[int], np.ndarray]]:
+    """Width and height of a window, how far it is shrunk to at most `MOTION_PIXELS`, and what frame t shows there then."""
+    size = window[2] - window[0], window[3] - window[1]
+    scale = min(1.0, float(np.sqrt(MOTION_PIXELS / (size[0] * size[1]))))
+    small = max(8, round(size[0] * scale)), max(8, round(size[1] * scale))
+
+    def seen(t: int) -> np.ndarray:
+        return cv2.resize(cut(frames[t], window), small, interpolation=cv2.INTER_AREA) if scale < 1.0 else cut(frames[t], window)
+
+    return size, scale, seen
 
 
 def share_of(moved: np.ndarray) -> np.ndarray:
