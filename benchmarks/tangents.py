@@ -58,7 +58,7 @@ def bent(law: str, frames: int = FRAMES, modes: int = MODES) -> tuple[Way, Way, 
 
     def simulated(change: np.ndarray) -> np.ndarray:
         every = np.concatenate([force[None], force + STEP * change])
-        points = rollout_batch(model, start, basis.phi, basis.gradient, every, strict=True).points
+        points = rollout_batch(model, start, basis.phi, basis.gradient, every, strict=True).x
         return (points[1:] - points[0]) / STEP
 
     return carried, simulated, x, basis

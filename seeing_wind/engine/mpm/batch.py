@@ -2,27 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..errors import UsageError
 from ..progress import Journal, NoProgress, Progress
-from ..records import Attachment
 from .copies import Copies
 from .kernels.copies_forward import CODE
 from .kernels.substep import RUNNING
 from .model import Model
-from .state import State
+from .state import State, Trajectory
 
 
 @dataclass(frozen=True)
 class BatchRollout:
     """What `rollout_batch` found."""
 
-    points: np.ndarray
-    """(B, T+1, N, 3), or (B, T+1, K, 3) with an attachment [m]; NaN after the frame in which a copy failed."""
+    paths: list[Trajectory]
+    """Of the B copies; NaN after the frame in which a copy failed."""
     failed_frame: np.ndarray
     """(B,) int: the frame in which the copy broke, -1 for none."""
 
@@ -30,6 +28,11 @@ class BatchRollout:
     def failed(self) -> np.ndarray:
         """(B,) bool."""
         return self.failed_frame >= 0
+
+    @property
+    def x(self) -> np.ndarray:
+        """(B, T+1, N, 3) [m]."""
+        return np.stack([path.x for path in self.paths])
 
 
 def rollout_batch(
@@ -41,7 +44,6 @@ def rollout_batch(
     *,
     v0: np.ndarray | None = None,
     C0: np.ndarray | None = None,
-    attachment: Attachment | None = None,
     strict: bool = False,
     progress: Progress | None = None,
     journal: Journal = Journal(),
@@ -57,7 +59,6 @@ def rollout_batch(
         coefficients: (B, T, P, 3) [m/s²].
         v0: (B, N, 3) velocities [m/s] with which the copies start instead.
         C0: (B, N, 3, 3) affine velocities [1/s], likewise.
-        attachment: return these K points instead of the N particles.
         strict: raise when any copy fails instead of marking it.
         journal: keeps how far the frames have come.
 
@@ -76,41 +77,41 @@ def rollout_batch(
         A = model.axes
         v0, C0 = None if v0 is None else v0 @ A, None if C0 is None else A.T @ C0 @ A
         found = rollout_batch(
-            model.upright(), start.turned(A), phi, dphi, coefficients @ A, v0=v0, C0=C0, attachment=attachment, strict=strict,
-            progress=progress, journal=journal,
-        )  # fmt: skip
-        return BatchRollout(found.points @ A.T, found.failed_frame)
+            model.upright(), start.turned(A), phi, dphi, coefficients @ A, v0=v0, C0=C0, strict=strict, progress=progress, journal=journal
+        )
+        return BatchRollout([path.turned(A.T) for path in found.paths], found.failed_frame)
     copies = len(coefficients)
     begun = (start.x, start.v if v0 is None else v0, start.C if C0 is None else C0, start.F)
     x, v, C, F = (np.array(np.broadcast_to(one, (copies, *one.shape[-rank:])), float, order="C") for one, rank in zip(begun, (2, 2, 3, 3)))
-    body = Copies(model, phi, dphi, x, v, C, F)
-    return _frames(body, coefficients, (lambda x: x) if attachment is None else attachment.follow, strict, progress, journal)
+    return _frames(Copies(model, phi, dphi, x, v, C, F), coefficients, strict, progress, journal)
 
 
-def _frames(
-    body: Copies, coefficients: np.ndarray, follow: Callable[[np.ndarray], np.ndarray], strict: bool, progress: Progress, journal: Journal
-) -> BatchRollout:
-    """All frames of the copies, of which `follow` tells the points to return: (A, N, 3) -> (A, K, 3)."""
+def _frames(body: Copies, coefficients: np.ndarray, strict: bool, progress: Progress, journal: Journal) -> BatchRollout:
+    """All frames of the copies."""
     copies, frames = coefficients.shape[:2]
-    begun = follow(body.x)
-    points = np.full((copies, frames + 1, *begun.shape[1:]), np.nan)
-    points[:, 0] = begun
-    failed_frame = np.full(copies, -1)
-    state = {"x": body.x, "v": body.v, "C": body.C, "F": body.F, "points": points, "failed_frame": failed_frame}
+    now = {"x": body.x, "v": body.v, "C": body.C, "F": body.F}
+    states = {name: np.full((copies, frames + 1, *array.shape[1:]), np.nan) for name, array in now.items()}
+    substeps, failed_frame = np.zeros((copies, frames), np.int64), np.full(copies, -1)
+    for name, array in now.items():
+        states[name][:, 0] = array
     loop = journal.loop("frames", coefficients)
     done, kept = loop.resume()
-    for name, values in kept.items():
-        state[name][:] = values
+    if done:
+        states, substeps, failed_frame = {name: kept[name] for name in now}, kept["substeps"], kept["failed_frame"]
+        for name, array in now.items():
+            array[:] = states[name][:, done]
     for t in range(done, frames):
         going = np.flatnonzero(failed_frame < 0)
         if not len(going):
             break
-        substeps, status = body.advance(going, coefficients[going, t], t, progress)
+        substeps[going, t], status = body.advance(going, coefficients[going, t], t, progress)
         broken = status[:, CODE] != RUNNING
         if strict and broken.any():
             first = int(np.flatnonzero(broken)[0])
-            raise body.failure(int(going[first]), status[first], t, int(substeps[first]))
+            raise body.failure(int(going[first]), status[first], t, int(substeps[going[first], t]))
         failed_frame[going[broken]] = t
-        points[going[~broken], t + 1] = follow(body.x[going[~broken]])
-        loop.reached(t + 1, lambda: state)
-    return BatchRollout(points, failed_frame)
+        for name, array in now.items():
+            states[name][going[~broken], t + 1] = array[going[~broken]]
+        loop.reached(t + 1, lambda: {**states, "substeps": substeps, "failed_frame": failed_frame})
+    paths = [Trajectory(**{name: array[b] for name, array in states.items()}, substeps=substeps[b]) for b in range(copies)]
+    return BatchRollout(paths, failed_frame)

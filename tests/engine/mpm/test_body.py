@@ -184,8 +184,8 @@ def test_copies_above_a_floor_equal_single_rollouts():
     coefficients[1, :, 0, 0] = 5.0
     found = rollout_batch(model, state, phi, dphi, coefficients)
     assert not found.failed.any()
-    for copy, points in zip(coefficients, found.points):
+    for copy, points in zip(coefficients, found.x):
         path = rollout(model, state, np.repeat(copy, 64, axis=1))
         assert np.allclose(points, path.x, atol=1e-12)
     free, _ = model_for(body, RUBBER, 30.0)
-    assert found.points[0, -1, :, 2].min() > rollout(free, state, np.zeros((3, 64, 3))).x[-1, :, 2].min() + 0.02
+    assert found.x[0, -1, :, 2].min() > rollout(free, state, np.zeros((3, 64, 3))).x[-1, :, 2].min() + 0.02

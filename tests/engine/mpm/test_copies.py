@@ -14,7 +14,6 @@ from seeing_wind.engine.mpm.model_for import model_for
 from seeing_wind.engine.mpm.rollout import advance, rollout
 from seeing_wind.engine.mpm.state import State
 from seeing_wind.engine.progress import Cancelled, Progress
-from seeing_wind.engine.records import Attachment
 from tests.engine.mpm.bodies import RUBBER, affine_basis, block, still
 
 
@@ -32,9 +31,7 @@ def test_copies_equal_single_rollouts(what):
     rng = np.random.default_rng(0)
     coefficients = 5 * rng.normal(size=(4, 3, 4, 3))
     v0 = 0.1 * rng.normal(size=(4, model.particles, 3)) * ~body.pinned[:, None]
-    attachment = Attachment(rng.integers(0, model.particles, size=(5, 4)).astype(np.int32), np.full((5, 4), 0.25))
     every = rollout_batch(model, State.at_rest(body.x), phi, dphi, coefficients, v0=v0)
-    points = rollout_batch(model, State.at_rest(body.x), phi, dphi, coefficients, v0=v0, attachment=attachment).points
     assert not every.failed.any()
     for b in range(4):
         state = State.at_rest(body.x, v0[b])
@@ -42,8 +39,9 @@ def test_copies_equal_single_rollouts(what):
             acceleration = phi @ coefficients[b, t]
             gradient = np.einsum("jc,njk->nck", coefficients[b, t], dphi) @ np.linalg.inv(state.F)
             state = advance(model, state, acceleration, gradient, frame=t)
-            assert np.allclose(every.points[b, t + 1], state.x, atol=1e-10)
-    assert np.allclose(points, attachment.follow(every.points), atol=1e-15)
+            for name in ("x", "v", "C", "F"):
+                assert np.allclose(getattr(every.paths[b], name)[t + 1], getattr(state, name), atol=1e-8), name
+        assert np.allclose(every.x[b], every.paths[b].x) and list(every.paths[b].substeps) == 3 * [model.substeps]
 
 
 def test_a_broken_copy_is_marked_and_leaves_the_others_alone():
@@ -54,7 +52,7 @@ def test_a_broken_copy_is_marked_and_leaves_the_others_alone():
     coefficients[1, 1, 0, 0] = 1e5
     found = rollout_batch(model, State.at_rest(body.x), phi, dphi, coefficients)
     assert list(found.failed_frame) == [-1, 1, -1] and list(found.failed) == [False, True, False]
-    assert np.isfinite(found.points[[0, 2]]).all() and np.isfinite(found.points[1, :2]).all() and np.isnan(found.points[1, 2:]).all()
+    assert np.isfinite(found.x[[0, 2]]).all() and np.isfinite(found.x[1, :2]).all() and np.isnan(found.x[1, 2:]).all()
     with pytest.raises(SimulationError):
         rollout_batch(model, State.at_rest(body.x), phi, dphi, coefficients, strict=True)
 

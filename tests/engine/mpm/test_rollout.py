@@ -250,7 +250,7 @@ def test_gravity_may_differ_from_frame_to_frame_and_particle_to_particle():
     assert np.allclose(rollout(heavy.from_frame(2), wanted.state(2), still(model, 2)).x, wanted.x[2:], atol=1e-12)
     phi, dphi = affine_basis(body.x)
     copies = rollout_batch(heavy, start, phi, dphi, np.zeros((2, frames, phi.shape[1], 3)))
-    assert np.allclose(copies.points, wanted.x, atol=1e-9)
+    assert np.allclose(copies.x, wanted.x, atol=1e-9)
     none = np.zeros((frames, phi.shape[1], 3))
     x, _ = tangents(heavy, start, phi, dphi, none, Changes(none[None]), NoProgress())
     assert np.allclose(x, wanted.x, atol=1e-9)

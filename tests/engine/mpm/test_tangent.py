@@ -58,7 +58,7 @@ def largest_error(model, start, basis, force, change):
     phi, dphi, count, step = basis.phi, basis.gradient, len(change), 1e-4
     x, dx = tangents(model, start, phi, dphi, force, Changes(change), NoProgress())
     every = np.concatenate([force[None], force + step * change, force - step * change])
-    points = rollout_batch(model, start, phi, dphi, every, strict=True).points
+    points = rollout_batch(model, start, phi, dphi, every, strict=True).x
     np.testing.assert_allclose(x, points[0], rtol=0, atol=1e-12)
     wanted = (points[1 : count + 1] - points[count + 1 :]) / (2 * step)
     return np.max(np.linalg.norm((dx - wanted).reshape(count, -1), axis=1) / np.linalg.norm(wanted.reshape(count, -1), axis=1)), dx
@@ -130,7 +130,7 @@ def test_changes_of_the_start():
     sides = np.array([1.0, 1.0, -1.0, -1.0])
     v0 = start.v + step * sides[:, None, None] * np.concatenate([velocity, velocity])
     C0 = start.C + step * sides[:, None, None, None] * np.concatenate([gradient, gradient])
-    points = rollout_batch(model, start, phi, dphi, every, v0=v0, C0=C0, strict=True).points
+    points = rollout_batch(model, start, phi, dphi, every, v0=v0, C0=C0, strict=True).x
     wanted = (points[:2] - points[2:]) / (2 * step)
     for k in range(2):
         assert np.linalg.norm(dx[k] - wanted[k]) < 0.03 * np.linalg.norm(wanted[k])

@@ -102,7 +102,7 @@ def test_copies_and_changes_are_those_of_single_rollouts():
     free = ~body.pinned[:, None]
     coefficients, v0, C0 = 5 * rng.normal(size=(2, 2, 4, 3)), 0.1 * rng.normal(size=(2, *body.x.shape)) * free, np.zeros((2, 54, 3, 3))
     C0[:] = rng.normal(size=(3, 3)) * free[:, None]
-    copies = rollout_batch(model, State.at_rest(body.x), phi, dphi, coefficients, v0=v0, C0=C0).points
+    copies = rollout_batch(model, State.at_rest(body.x), phi, dphi, coefficients, v0=v0, C0=C0).x
     for b in range(2):
         state = replace(State.at_rest(body.x, v0[b]), C=C0[b])
         for t in range(2):
@@ -111,7 +111,7 @@ def test_copies_and_changes_are_those_of_single_rollouts():
             assert np.allclose(copies[b, t + 1], state.x, atol=1e-11)
     rest, h = State.at_rest(body.x), 1e-3
     x, changed = tangents(model, rest, phi, dphi, coefficients[0], Changes(coefficients[1:]), NoProgress())
-    ends = rollout_batch(model, rest, phi, dphi, np.stack([coefficients[0] + s * h * coefficients[1] for s in (1, -1)])).points
+    ends = rollout_batch(model, rest, phi, dphi, np.stack([coefficients[0] + s * h * coefficients[1] for s in (1, -1)])).x
     slope = (ends[0] - ends[1]) / (2 * h)
     assert np.allclose(x, ends.mean(axis=0), atol=1e-8)
     # As good as on an upright lattice; see `kernels.carry` on what it neglects.

@@ -7,7 +7,7 @@ import pytest
 
 from seeing_wind.engine.errors import SimulationError
 from seeing_wind.engine.mpm.model_for import model_for
-from seeing_wind.engine.progress import NoProgress
+from seeing_wind.engine.progress import Journal, NoProgress
 from seeing_wind.engine.records import Attachment, Particles, PointTargets, TrackTargets
 from seeing_wind.engine.recovery.prior import learning as beliefs
 from seeing_wind.engine.recovery.prior.basis import knots_between, spatial_basis, velocity_basis
@@ -172,9 +172,33 @@ def test_a_jacobian_that_the_rough_model_cannot_give_is_the_fine_one_s():
     theta[3:] = np.random.default_rng(0).standard_normal(len(theta) - 3)  # [m/s²], and m/s of the last
     active, scale = np.ones(len(theta), bool), np.ones(len(theta))
     with pytest.raises(SimulationError):
-        rough.trajectory(theta, rough.rough)
+        replace(rough, model=rough.rough).trajectory(theta)
     np.testing.assert_array_equal(rough.jacobian(theta, active, objective, scale), fine.jacobian(theta, active, objective, scale))
-    np.testing.assert_array_equal(rough.nearby(theta).x, fine.trajectory(theta).x)
+
+
+def test_what_was_simulated_is_not_simulated_again_and_the_same_to_the_last_bit():
+    body = plate((6, 4, 3))
+    simulated = Simulations()
+    forward = replace(forward_of(body, RUBBER, 4), journal=simulated)
+    theta = np.random.default_rng(0).standard_normal((2, forward.size + 6))
+    both = forward.positions(theta)
+    path = forward.trajectory(theta[1])
+    assert simulated.count == 1
+    alone = replace(forward, model=forward.model).trajectory(theta[1])  # for all it knows the model is another one
+    assert simulated.count == 2
+    np.testing.assert_array_equal(path.x, both[1])
+    for name in ("x", "v", "C", "F"):
+        np.testing.assert_array_equal(getattr(path, name), getattr(alone, name))
+
+
+class Simulations(Journal):
+    """Counts those that begin."""
+
+    count = 0
+
+    def loop(self, name, *inputs):
+        self.count += 1
+        return super().loop(name, *inputs)
 
 
 def test_where_the_linearisation_breaks_down_what_was_found_before_stands():

@@ -80,7 +80,7 @@ def learn_hyperparameters(
         the prior, the linearisation, and the objective with the mismatch learnt.
     """
     point = solution.point
-    path = forward.nearby(solution.theta)
+    path = forward.trajectory(solution.theta)
     prior = prior_along(learn_kernel(prior, point.normal, solution.pull, expected, check, journal), forward, path, expected, objective)
     scale = _mismatch_factor(prior, forward, solution, objective)
     if scale is not None:

@@ -6,13 +6,13 @@ The Jacobian comes from changes carried along one simulation.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
 
 from ...errors import SimulationError
-from ...mpm.batch import rollout_batch
+from ...mpm.batch import BatchRollout, rollout_batch
 from ...mpm.model import Model
 from ...mpm.rollout import advance
 from ...mpm.state import State, Trajectory
@@ -23,6 +23,8 @@ from ..targets.objective import Objective
 
 OFFSET = 1e-4
 """Displacement [cells] by which residuals are differenced."""
+RECENT = 4
+"""Simulations that are kept: what was tried last is asked for again, as the start of the next solve and for its path."""
 
 
 @dataclass(frozen=True)
@@ -45,6 +47,8 @@ class Forward:
     """The body at the first frame, if it is known; then there are no initial motions (V = 0)."""
     journal: Journal = Journal()
     """Keeps what was simulated."""
+    _recent: dict[bytes, Trajectory] = field(default_factory=dict, init=False, repr=False, compare=False)
+    """The last simulations by their theta, of this body: what is made by `replace` begins without any."""
 
     @property
     def hats(self) -> np.ndarray:
@@ -73,7 +77,7 @@ class Forward:
         if self.begin is not None:
             return self.begin
         rest = State.at_rest(self.x)
-        return State(rest.x, np.tensordot(velocity, self.velocity, 1), np.tensordot(velocity, self.velocity_gradient, 1), rest.F)
+        return State(rest.x, *self._initial(velocity), rest.F)
 
     def per_frame(self, theta: np.ndarray) -> np.ndarray:
         """theta (n,) or (B, n) -> coefficients per frame (..., T, modes, 3)."""
@@ -84,38 +88,46 @@ class Forward:
         """(T, N, 3) [m/s²] on the particles."""
         return np.einsum("np,tpi->tni", self.basis.phi, self.per_frame(theta))
 
-    def advance(self, state: State, coefficients: np.ndarray, frame: int, model: Model | None = None) -> State:
-        """One frame under coefficients (modes, 3), with the fine model unless told otherwise."""
+    def advance(self, state: State, coefficients: np.ndarray, frame: int) -> State:
+        """One frame under coefficients (modes, 3)."""
         gradient = np.einsum("pi,npj->nij", coefficients, self.basis.gradient) @ np.linalg.inv(state.F)
-        return advance(model or self.model, state, self.basis.phi @ coefficients, gradient, frame=frame)
+        return advance(self.model, state, self.basis.phi @ coefficients, gradient, frame=frame)
 
-    def trajectory(self, theta: np.ndarray, model: Model | None = None) -> Trajectory:
+    def trajectory(self, theta: np.ndarray) -> Trajectory:
         """The simulation under theta (n,). Raises SimulationError when it breaks down."""
-        model = model or self.model
-        return self.journal.once("motion", Trajectory, partial(self._motion, theta, model), theta, model.substeps)
 
-    def _motion(self, theta: np.ndarray, model: Model) -> Trajectory:
-        coefficients, loop = self.per_frame(theta), self.journal.loop("frames", theta)
-        done, kept = loop.resume()
-        states = [State(*(kept[name][t] for name in STATE)) for t in range(done + 1)] if done else [self.start(theta[self.size :])]
-        for t in range(done, len(coefficients)):
-            states.append(self.advance(states[-1], coefficients[t], t, model))
-            self.progress.check()
-            loop.reached(t + 1, lambda: {name: np.stack([getattr(one, name) for one in states]) for name in STATE})
-        return Trajectory.of(states, model.substeps)
+        def simulated() -> Trajectory:
+            path = self._paths(theta[None])[0]
+            if not np.isfinite(path.x).all():
+                self._simulate(theta[None], strict=True)  # breaks down again, and tells how
+            return path
 
-    def nearby(self, theta: np.ndarray) -> Trajectory:
-        """`trajectory` of the rough model or, where that breaks, of the fine one."""
-        try:
-            return self.trajectory(theta, self.rough)
-        except SimulationError:
-            return self.trajectory(theta)
+        return self.journal.once("motion", Trajectory, simulated, theta)
 
     def positions(self, theta: np.ndarray) -> np.ndarray:
         """Candidates (B, n) -> (B, T+1, N, 3), NaN after a breakdown."""
-        if self.begin is not None:
-            return self._batch(self.model, self.begin, self.per_frame(theta), None)
-        return self._batch(self.model, State.at_rest(self.x), self.per_frame(theta), theta[:, self.size :])
+        return np.stack([path.x for path in self._paths(theta)])
+
+    def _paths(self, theta: np.ndarray) -> list[Trajectory]:
+        """Of candidates (B, n), NaN after a breakdown."""
+        keys = [one.tobytes() for one in theta]
+        known = {key: self._recent[key] for key in keys if key in self._recent}
+        new = [b for b, key in enumerate(keys) if key not in known]
+        if new:
+            known |= zip([keys[b] for b in new], self._simulate(theta[new]))
+        for key, path in known.items():
+            self._recent.pop(key, None)
+            self._recent[key] = path
+        for oldest in list(self._recent)[: -RECENT]:
+            del self._recent[oldest]
+        return [known[key] for key in keys]
+
+    def _simulate(self, theta: np.ndarray, strict: bool = False) -> list[Trajectory]:
+        """`_paths`, simulated; each to the same bits, whatever the others are. `strict`: raises SimulationError at a breakdown."""
+        starts = [self.start(one[self.size :]) for one in theta]
+        coefficients = np.stack([self.per_frame(one) for one in theta])
+        v0, C0 = (np.stack([getattr(start, name) for start in starts]) for name in ("v", "C"))
+        return self._batch(self.model, starts[0], coefficients, v0, C0, strict).paths
 
     def look_ahead(self, state: State | None, unknowns: np.ndarray, first: int, frames: int) -> np.ndarray:
         """Constant coefficients over a few frames from `first` on: (B, modes 3 [+ V]) -> (B, frames+1, N, 3).
@@ -125,9 +137,10 @@ class Forward:
         modes, rough = self.shape[1], self.rough.from_frame(first)
         constant = unknowns[:, : 3 * modes].reshape(-1, 1, modes, 3)
         coefficients = np.repeat(constant, frames, axis=1)
+        v0 = C0 = None
         if state is None:
-            return self._batch(rough, State.at_rest(self.x), coefficients, unknowns[:, 3 * modes :])
-        return self._batch(rough, state, coefficients, None)
+            state, (v0, C0) = State.at_rest(self.x), self._initial(unknowns[:, 3 * modes :])
+        return self._batch(rough, state, coefficients, v0, C0).x
 
     def look_ahead_changes(
         self, state: State | None, unknown: np.ndarray, offset: np.ndarray, first: int, frames: int
@@ -140,25 +153,22 @@ class Forward:
         v0 = C0 = None
         if state is None:
             state = self.start(unknown[3 * modes :])
-            v0, C0 = (np.tensordot(unit[:, 3 * modes :], motion, 1) for motion in (self.velocity, self.velocity_gradient))
+            v0, C0 = self._initial(unit[:, 3 * modes :])
         changes, rough = Changes(constant, v0, C0), self.rough.from_frame(first)
         x, change = tangents(rough, state, self.basis.phi, self.basis.gradient, coefficients, changes, self.progress, self.journal)
         return x, x + offset[:, None, None, None] * change
 
+    def _initial(self, velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Velocities (..., N, 3) [m/s] and affine velocities (..., N, 3, 3) [1/s] of initial velocities (..., V)."""
+        return np.tensordot(velocity, self.velocity, 1), np.tensordot(velocity, self.velocity_gradient, 1)
+
     def _batch(
-        self,
-        model: Model,
-        state: State,
-        coefficients: np.ndarray,
-        velocity: np.ndarray | None,
-    ) -> np.ndarray:
-        v0 = C0 = None
-        if velocity is not None:
-            v0, C0 = np.tensordot(velocity, self.velocity, 1), np.tensordot(velocity, self.velocity_gradient, 1)
-        phi, gradient = self.basis.phi, self.basis.gradient
+        self, model: Model, start: State, coefficients: np.ndarray, v0: np.ndarray | None, C0: np.ndarray | None, strict: bool = False
+    ) -> BatchRollout:
         return rollout_batch(
-            model, state, phi, gradient, coefficients, v0=v0, C0=C0, progress=self.progress, journal=self.journal
-        ).points
+            model, start, self.basis.phi, self.basis.gradient, coefficients, v0=v0, C0=C0, strict=strict, progress=self.progress,
+            journal=self.journal,
+        )  # fmt: skip
 
     def jacobian(self, theta: np.ndarray, active: np.ndarray, objective: Objective, scale: np.ndarray) -> np.ndarray:
         """d (raw residuals) / d theta[active], (number active, T+1, channels), with the rough model or, where that breaks, the fine one.
@@ -192,8 +202,7 @@ class Forward:
         unit[np.arange(len(which)), which] = size
         v0 = C0 = None
         if (which >= self.size).any():
-            velocity = unit[:, self.size :]
-            v0, C0 = np.tensordot(velocity, self.velocity, 1), np.tensordot(velocity, self.velocity_gradient, 1)
+            v0, C0 = self._initial(unit[:, self.size :])
 
         def residuals(frame: int, x: np.ndarray, moved: np.ndarray) -> np.ndarray:
             farthest = np.abs(moved).max(axis=(1, 2), initial=np.finfo(np.float32).tiny)
@@ -208,6 +217,3 @@ class Forward:
         )  # fmt: skip
         rows /= size[:, None, None]
         return rows
-
-
-STATE = ("x", "v", "C", "F")
