@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from ..errors import ObjectError, UsageError
 from ..materials import adjust, find
 from ..progress import Journal, Progress
-from ..records import Body, Outcome, Recovery, TrackTargets
+from ..records import Body, Observation, Outcome, Recovery, TrackTargets
 from ..settings import BuildSettings, ObserveSettings, RecoverSettings, WindSettings
 from ..stages import build_stage, check_sheet, check_solve, frame_loss, lift_stage, observe_stage, track_targets, write_gaussians
 from ..take import Take, stamp_of
@@ -122,9 +122,6 @@ def recover_one(arguments: argparse.Namespace, progress: Progress) -> Result:
 def _recover_into(
     take: Take, arguments: argparse.Namespace, settings: RecoverSettings, endpoint: Endpoint | None, progress: Progress
 ) -> Result:
-    from ..look import write_ply
-    from ..look.multiview import with_views
-    from ..observe.object.motion.views import view_targets
     from ..observe.preview.verdicts import doubt_remarks
     from ..recovery.diagnostics.remarks import worst_first
     from ..recovery.stage import recover_stage
@@ -138,21 +135,10 @@ def _recover_into(
         from ..observe.models.language import ask_material
 
         building = _timed(seconds, "material", lambda: ask_material(take, endpoint, observation, building, progress))
-    body, built = _timed(seconds, "build", lambda: build_stage(take, observation, seen, building, progress))
-    targets, sights = [track_targets(observation, body)], []
-    for number, (clip, camera, mask) in enumerate(arguments.view, start=1):
-        # Depth and pins of a further view are not used: its points are found on the first view's body.
-        further = dataclasses.replace(observing, mask=mask, camera=camera, box=None, points=None, tracks=None, depth=None, pin=None)
-        further = dataclasses.replace(further, outline=None, correct=None, distance=1.0, depth_model=None)
-        further = dataclasses.replace(further, prompt=None, detector_model=None)
-        sights.append(observe_stage(take, clip, further, progress, view=number)[0])
-        targets.append(view_targets(body, sights[-1]))
-    upstream = stamp_of(built, *(Path(name) for view in arguments.view for name in view))
+    body, upstream = _timed(seconds, "build", lambda: build_stage(take, observation, seen, building, progress))
+    targets = [track_targets(observation, body)]
     if arguments.view:
-        body = lift_stage(take, observation, body, targets, upstream, progress)
-        body, _ = with_views(body, observation, sights, progress)
-        take.withdraw("report")  # which writes that file, too
-        write_gaussians(take, body.gaussians, write_ply)
+        body, targets, upstream = _with_views(take, arguments.view, observing, observation, body, upstream, progress)
     if settings.still is not None:
         settings = dataclasses.replace(settings, still=_from_first(settings.still, observation.first_frame, len(observation.xy) - 1))
     blown = settings_of(WindSettings, arguments)
@@ -185,6 +171,41 @@ def _recover_into(
     if gone:  # somebody has removed the folder meanwhile
         result["warnings"].append(f"{' and '.join(gone)} were removed from the take while it was made: run `recover` again.")
     return result
+
+
+def _with_views(
+    take: Take,
+    views: list[list[str]],
+    observing: ObserveSettings,
+    observation: Observation,
+    body: Body,
+    built: str,
+    progress: Progress,
+) -> tuple[Body, list[TrackTargets], str]:
+    """The body as all cameras see it, what each of them saw of it, and the stamp of both.
+
+    Args:
+        views: clip, camera and mask of each further view.
+        built: stamp of the body as the first view alone shows it.
+    """
+    from ..look import write_ply
+    from ..look.multiview import with_views
+    from ..observe.object.motion.views import view_targets
+
+    sights, targets = [], [track_targets(observation, body)]
+    for number, (clip, camera, mask) in enumerate(views, start=1):
+        # Depth and pins of a further view are not used: its points are found on the first view's body.
+        further = dataclasses.replace(observing, mask=mask, camera=camera, box=None, points=None, tracks=None, depth=None, pin=None)
+        further = dataclasses.replace(further, outline=None, correct=None, distance=1.0, depth_model=None)
+        further = dataclasses.replace(further, prompt=None, detector_model=None)
+        sights.append(observe_stage(take, clip, further, progress, view=number)[0])
+        targets.append(view_targets(body, sights[-1]))
+    stamp = stamp_of(built, *(Path(name) for view in views for name in view))
+    body = lift_stage(take, observation, body, targets, stamp, progress)
+    body, _ = with_views(body, observation, sights, progress)
+    take.withdraw("report")  # which writes that file, too
+    write_gaussians(take, body.gaussians, write_ply)
+    return body, targets, stamp
 
 
 def _sheet(

@@ -24,6 +24,7 @@ from .diagnostics.remarks import moving_clamp_remark, ringing_remarks
 from .solve.constants import PACE
 from .solve.known_body import KnownBody
 from .solve.stiffness import Stiffness, is_free
+from .targets.channels import views_of
 from .targets.clamp_motion import clamp_motion
 from .targets.objective import Channels, Objective
 from .targets.points import PointChannels, point_channels
@@ -69,11 +70,7 @@ def recover(
     check_body(particles, fps)
     progress.update(0.0, "Preparing the body")
     plastic = material.law in ("von_mises", "viscoplastic")
-    sources: list[PointTargets | TrackTargets] = [targets] if isinstance(targets, PointTargets) else list(targets)
-    if len({len(one.visible) for one in sources}) != 1:
-        raise UsageError("The views do not have the same number of frames.", "Cut the clips to the same frames, or give one clip.")
-    if not any(one.visible[1:].any() for one in sources):
-        raise ObjectError("Nothing of the object is seen after the first frame.", "Check the mask, or give more frames of it.")
+    sources = views_of(targets)
     moving = clamp_motion(particles, targets, fps) if isinstance(targets, PointTargets) else None
     if moving is not None:
         sources = [moving.in_clamp_frame(one) for one in sources if isinstance(one, PointTargets)]

@@ -19,7 +19,7 @@ import numpy as np
 import torch
 from torch.nn.utils import parameters_to_vector
 
-from ...errors import ObjectError, SimulationError, UsageError
+from ...errors import SimulationError
 from ...field.adam import adam_state, in_parts, restore
 from ...field.torch_threads import one_torch_thread
 from ...mpm.autograd import simulate
@@ -29,6 +29,8 @@ from ...progress import Journal, Progress
 from ...record_arrays import from_arrays, to_arrays
 from ...records import Material, Outcome, Particles, PointTargets, Recovery
 from ...settings import RecoverSettings
+from ..recover import check_body
+from ..targets.channels import views_of
 from .field import DescentField, descent_field
 from .losses import MotionLoss, Targets, TrackingLoss
 from .start import first_look
@@ -88,14 +90,9 @@ def recover_by_descent(
         UsageError, ObjectError, SimulationError, Cancelled: as `recover`.
     """
     began = time.monotonic()
-    if not fps > 0.0:
-        raise UsageError(f"{fps} frames per second.", "Give the clip's frame rate with --fps.")
-    if particles.pinned.all():
-        raise ObjectError("All particles of the body are held: nothing can move.", "Paint a smaller region to hold.")
-    sources = [targets] if isinstance(targets, PointTargets) else list(targets)
-    if len({len(one.visible) for one in sources}) != 1:
-        raise UsageError("The views do not have the same number of frames.", "Cut the clips to the same frames, or give one clip.")
-    frames = len(sources[0].visible) - 1
+    check_body(particles, fps)
+    views = views_of(targets)
+    frames = len(views[0].visible) - 1
     progress.update(0.0, "Preparing the body")
     model, notes = model_for(particles, material, fps, gravity=settings.gravity)
     start = first_look(particles, targets, fps, model.gravity)
@@ -114,7 +111,7 @@ def recover_by_descent(
     x = np.stack([particles.x, *descent.x])
     residual = tracking.distance(x)
     metres = residual if isinstance(targets, PointTargets) else residual * _metres_per_pixel(targets, particles)
-    if not isinstance(targets, PointTargets) and len(sources) == 1:
+    if not isinstance(targets, PointTargets) and len(views) == 1:
         notes.append(
             "Force along the view is low confidence from one camera: a second view, a known length or a held part would settle it."
         )

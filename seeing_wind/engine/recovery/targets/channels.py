@@ -6,12 +6,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import comb
 
 import numpy as np
 
 from ...errors import ObjectError, UsageError
-from ...records import Attachment
+from ...records import Attachment, PointTargets, TrackTargets
 from .constants import NOISE
 
 
@@ -45,6 +46,20 @@ def first_speed(series: np.ndarray, fps: float) -> float:
     flat = first.reshape(len(first), -1)
     slope = np.polyfit(np.arange(len(first)) / fps, flat, min(2, len(first) - 1))[-2]
     return float(np.sqrt(np.mean(np.sum(slope.reshape(first.shape[1:]) ** 2, axis=-1))))
+
+
+def views_of(targets: PointTargets | Sequence[TrackTargets]) -> list[PointTargets | TrackTargets]:
+    """The targets one by one.
+
+    Raises:
+        UsageError: they are not over the same frames. ObjectError: none is seen after the first.
+    """
+    views: list[PointTargets | TrackTargets] = [targets] if isinstance(targets, PointTargets) else list(targets)
+    if len({len(one.visible) for one in views}) != 1:
+        raise UsageError("The views do not have the same number of frames.", "Cut the clips to the same frames, or give one clip.")
+    if not any(one.visible[1:].any() for one in views):
+        raise ObjectError("Nothing of the object is seen after the first frame.", "Check the mask, or give more frames of it.")
+    return views
 
 
 def check(values: np.ndarray, visible: np.ndarray, width: int, attachment: Attachment, particles: int) -> None:
