@@ -41,6 +41,10 @@ class PaceConstants:
     horizon_shares: tuple[float, ...] = constant(
         (1.0, 0.5, 0.0), "1", "Of the force so far, tried in turn where the body breaks down under it.", "Chosen."
     )
+    horizon_unexplained: float = constant(
+        0.1, "1", "Of the misfit when a look ahead begins: so much no force that stays the same for its frames explains.",
+        "With none, a light card that turns by 20 degrees a frame was squeezed by its force in place of being turned; 0.05 and 0.2 do as well.",
+    )  # fmt: skip
     refollow_misfit: float = constant(
         3.0, "deviations", "Track misfit above which the first field of a block is found again with finer steps.",
         "Seen: 0.1 to 0.4 for leaves, posts and plants, 1.4 for a banner that turns edge-on, 6 for a flag that was lost.",

@@ -99,16 +99,20 @@ def _fitted(
     forward: Forward, objective: Objective, state: State | None, frame: int, ahead: int, mean: np.ndarray, spread: np.ndarray, steps: int
 ) -> np.ndarray:
     unknown, offset, precision = mean, 1e-3 * spread, np.diag(1.0 / spread**2) + _strain_precision(forward, state, spread)
+    unexplained: float | None = None
     for _ in range(steps):
         unknown, x, changed = bearable(forward, state, unknown, offset, frame, ahead)
         white = _whiten(objective, np.concatenate([x[None], changed]), frame)
+        if unexplained is None:
+            unexplained = max(1.0, PACE.horizon_unexplained * float(np.sqrt((white[0] ** 2).mean())))
+        white /= unexplained
         before = float((white[0] ** 2).sum() + _prior_cost(unknown - mean, precision))
         jacobian = (white[1:] - white[0]) / offset[:, None]
         gradient = jacobian @ white[0] + precision @ (unknown - mean)
         normal = jacobian @ jacobian.T
         for damping in DAMPING:
             candidates = unknown - np.stack([np.linalg.solve(normal + (1.0 + damp) * precision, gradient) for damp in damping])
-            missed = _whiten(objective, forward.look_ahead(state, candidates, frame, ahead), frame)
+            missed = _whiten(objective, forward.look_ahead(state, candidates, frame, ahead), frame) / unexplained
             costs = (missed**2).sum(axis=1) + _prior_cost(candidates - mean, precision)
             best = int(np.argmin(costs))
             if costs[best] < before:
