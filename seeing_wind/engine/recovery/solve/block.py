@@ -25,7 +25,7 @@ from ..prior.constants import PRIOR
 from ..prior.kernel import Prior, modes_for_variance
 from ..prior.learning import Expected, learn_hyperparameters, learn_kernel, prior_along, track_misfit
 from ..targets.objective import Objective
-from ..targets.tracks import TrackChannels
+from ..targets.tracks import TrackChannels, wild_frames
 from .constants import PACE
 from .first_field import FINELY, FLOWING, USUAL, Pace, follow
 from .forward import Forward
@@ -50,7 +50,7 @@ class Found:
     joint: Joint | None
     """How the force hangs together with a stiffness that was free."""
     wild: np.ndarray
-    """(T,) bool: frames whose later frame is wild (see `TrackChannels`)."""
+    """(T,) bool, see `wild_frames`."""
 
 
 @dataclass
@@ -97,7 +97,8 @@ class BlockSolver:
             point=point, tolerance=PACE.last_tolerance, per_unknown=PACE.last_per_unknown,
         )  # fmt: skip
         last = replace(last, converged=last.converged and not draft)
-        return Found(forward, prior, last, forward.trajectory(last.theta), used + last.iterations, self.stiffness, self.joint, self._wild())
+        path, wild = forward.trajectory(last.theta), wild_frames(self.objective)
+        return Found(forward, prior, last, path, used + last.iterations, self.stiffness, self.joint, wild)
 
     def _from_the_start(self) -> tuple[Forward, Prior, Solution, int, int, bool]:
         """Forward model, prior and solution of a block that knows nothing beforehand, the Jacobians used and those left to the last
@@ -107,21 +108,10 @@ class BlockSolver:
         rounds = min(left, PACE.stiffness_coarse_rounds)
         forward, found, more = self._with_stiffness(forward, prior, found, rounds, 0.45, PACE.coarse_tolerance)
         left, used = max(0, left - more), used + more
-        draft = not left
-        if draft:
-            forward = replace(forward, model=self._model())
-        else:
-            forward, prior, found, more = self._finely(forward, prior, found, min(left, pace.fine_iterations), left)
-            left, used = max(0, left - more), used + more
-        return forward, prior, found, used, min(left, pace.last_iterations), draft
-
-    def _wild(self) -> np.ndarray:
-        """(T,) bool, see `Found`."""
-        wild = np.zeros(self.objective.frames, bool)
-        for one in self.objective.channels:
-            if isinstance(one, TrackChannels) and one.wild is not None:
-                wild |= one.wild[self.objective.first + 1 :][: len(wild)]
-        return wild
+        if not left:
+            return replace(forward, model=self._model()), prior, found, used, 0, True
+        forward, prior, found, more = self._finely(forward, prior, found, min(left, pace.fine_iterations), left)
+        return forward, prior, found, used + more, min(max(0, left - more), pace.last_iterations), False
 
     def _coarse_solution(self) -> tuple[Pace, Forward, Prior, Solution, int]:
         """A coarse solution of the whole block, found at the usual pace, or finely where that one strays and finely it does less.
@@ -256,9 +246,7 @@ class BlockSolver:
             velocity, gradient = velocity[:0], gradient[:0]
         x = self.particles.x
         model, when = model or self._model(), knots_between(self.still[:frames], knot)
-        return Forward(
-            model, self._rough(), x, basis, when, velocity, gradient, self.progress, self.start, self.journal
-        )
+        return Forward(model, self._rough(), x, basis, when, velocity, gradient, self.progress, self.start, self.journal)
 
     def solve(
         self,
@@ -282,7 +270,7 @@ class BlockSolver:
         def linearise(candidate: np.ndarray) -> Linearisation:
             nonlocal misfit
             found = problem.linearise(candidate)
-            misfit = problem.misfit(found)
+            misfit = problem.objective.misfit(found.residual)
             return found
 
         def report(iteration: int, cost: float) -> None:

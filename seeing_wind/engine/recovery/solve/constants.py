@@ -43,7 +43,7 @@ class PaceConstants:
     )
     horizon_unexplained: float = constant(
         0.1, "1", "Of the misfit when a look ahead begins: so much no force that stays the same for its frames explains.",
-        "With none, a light card that turns by 20 degrees a frame was squeezed by its force in place of being turned; 0.05 and 0.2 do as well.",
+        "With none, a light card that turns by 20° a frame was squeezed by its force, not turned; 0.05 and 0.2 do as well.",
     )  # fmt: skip
     refollow_misfit: float = constant(
         3.0, "deviations", "Track misfit above which the first field of a block is found again with finer steps.",

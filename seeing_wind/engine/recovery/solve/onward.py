@@ -54,7 +54,7 @@ def continue_block(solver: Solver, before: Onward) -> tuple[Forward, Prior, Solu
         misfit = math.inf
     else:
         of_tracks = track_misfit(solver.objective, solver.basis.up_to(2).phi, found.residual)
-        misfit = max(of_tracks, math.sqrt((found.residual**2).sum() / max(int(solver.objective.used.sum()), 1)))
+        misfit = max(of_tracks, solver.objective.misfit(found.residual))
     if misfit >= PACE.refollow_misfit:
         solver.objective = objective
         return None

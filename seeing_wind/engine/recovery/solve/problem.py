@@ -51,10 +51,6 @@ class Problem:
         raw = self.forward.jacobian(self.whole(candidate[None])[0], self.active, self.objective, self.prior.deviation())
         return Linearisation.at(candidate, self.residuals(candidate[None])[0], self.objective.whiten(raw))
 
-    def misfit(self, point: Linearisation) -> float:
-        """Root mean square of the residuals, in the observations' standard deviations."""
-        return float(np.sqrt((point.residual**2).sum() / max(int(self.objective.used.sum()), 1)))
-
 
 def whitened(forward: Forward, objective: Objective, theta: np.ndarray) -> np.ndarray:
     """Whitened residuals (B, m) under theta (B, n), infinite where the simulation broke down."""

@@ -113,6 +113,10 @@ class Objective:
         white = np.matmul(self.whitener, residual.transpose(2, 1, 0))  # (channels, T+1, B)
         return white.reshape(-1, residual.shape[0]).T
 
+    def misfit(self, white: np.ndarray) -> float:
+        """Root mean square of whitened residuals (channels (T+1),): in the observations' standard deviations."""
+        return float(np.sqrt((white**2).sum() / max(int(self.used.sum()), 1)))
+
     def unwhitened(self, white: np.ndarray) -> np.ndarray:
         """What `whiten` made of it: (B, channels (T+1)) -> raw (B, T+1, channels), 0 where not used."""
         count, frames = self.whitener.shape[:2]
