@@ -359,20 +359,22 @@ def test_a_camera_that_is_not_where_the_clip_s_was_is_told(scene, capfd):
 def test_engine_and_colors_change_only_where_the_panel_says_so(scene, capfd):
     eevee = next(item.identifier for item in scene.render.bl_rna.properties["engine"].enum_items if "EEVEE" in item.identifier)
     scene.render.engine, scene.view_settings.view_transform = eevee, "AgX"
+    scene.cycles.samples, scene.render.film_transparent = 4096, False
     look = scene.seeing_wind.composite
-    assert [words for *_, words in changes(scene, True, True)] == [
-        "render engine from EEVEE to Cycles", "view transform from AgX to Standard",
+    assert [words for *_, words in changes(scene, True, True, 32)] == [
+        "render engine from EEVEE to Cycles", "samples from 4096 to 32", "film to transparent", "view transform from AgX to Standard",
     ]  # fmt: skip
     look.use_cycles = look.use_standard = False
     assert bpy.ops.seeing_wind.set_up_composite() == {"FINISHED"}
     said = capfd.readouterr().out
-    assert (scene.render.engine, scene.view_settings.view_transform) == (eevee, "AgX") and "Changed" not in scene.seeing_wind.composite_said
+    assert (scene.render.engine, scene.view_settings.view_transform) == (eevee, "AgX") and scene.cycles.samples == 4096
+    assert scene.seeing_wind.composite_said.endswith(". Changed: film to transparent")
     assert "Warning: EEVEE catches no shadows: tick Use Cycles" in said
     assert "Warning: The view transform AgX changes the clip's colors, too: tick Standard View" in said
     assert bpy.ops.seeing_wind.set_up_composite(use_cycles=True, use_standard=True) == {"FINISHED"}
     assert (scene.render.engine, scene.view_settings.view_transform) == ("CYCLES", "Standard")
-    told = ". Changed: render engine from EEVEE to Cycles, view transform from AgX to Standard"
-    assert scene.seeing_wind.composite_said.endswith(told) and not changes(scene, True, True)
+    told = ". Changed: render engine from EEVEE to Cycles, samples from 4096 to 32, view transform from AgX to Standard"
+    assert scene.seeing_wind.composite_said.endswith(told) and not changes(scene, True, True, 32)
 
 
 def test_stereoscopy_is_refused(scene, tmp_path):
