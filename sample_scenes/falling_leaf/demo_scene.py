@@ -40,6 +40,8 @@ SHEETS = (
 """What hangs there: how far to the right [m, world], width and height [m], pegs, and its colours;"""
 BED_LINEN, COARSE, SOFT = 2.0, 0.036, 0.002
 """its mass factor, and the edges of its faces and pixels [m], as it is out of focus;"""
+SHADOWS = (1.35, 5.45), (6.4, 2.7)
+"""Where the shadows of posts and bed linen fall: the middle, and how far to the right and away from the camera [m, world];"""
 FULL_FOLDS = (0.34, 0.16)
 """length and slack of its folds, deep enough to be seen from there."""
 ROPE, WHITE = 0.008, (0.62, 0.62, 0.58)
@@ -52,8 +54,9 @@ DENSITY = 400.0
 """Of the leaves that fly, as dense as the filmed one [kg/m³], so that the same wind carries them."""
 LEAF, FIRST, SECOND = 0.40, (0.27, 0.02, -0.05), (-0.38, -0.05, 0.10)
 """Size of the two leaves that are simulated over that of the filmed one, and where they begin [m]."""
-SAMPLES, NOISE = 96, 0.03
-"""Of Cycles, per pixel, and the noise at which a pixel has enough: no denoiser smooths the rims of what is out of focus."""
+SAMPLES, FEWEST, NOISE = 36, 12, 0.03
+"""Of Cycles, per pixel, at most and at least, and the noise at which a pixel has enough. No denoiser smooths the rims of what is
+out of focus: they are a matter of alpha."""
 LEAVES, SMALL = 44, (0.12, 0.26)
 """Native particles, and their size over that of the filmed leaf."""
 AWAY, ACROSS, UP = (1.35, 4.8), (-0.50, 0.52), (-0.08, 0.36)
@@ -76,7 +79,7 @@ def main(folder: Path) -> None:
     done(bpy.ops.seeing_wind.resimulate())
     done(bpy.ops.seeing_wind.bake())
     add_leaves(scene, folder)
-    scene.cycles.use_adaptive_sampling, scene.cycles.adaptive_threshold = True, NOISE
+    set_cost(scene.cycles)
     # make.py's camera has no shutter: its frames are sharp
     done(bpy.ops.seeing_wind.set_up_composite(samples=SAMPLES, shutter=0.0, fstop=F_STOP, floor=True))
     lay_floor(scene)
@@ -112,10 +115,17 @@ def start_of(leaf) -> np.ndarray:
     return vertices.reshape(-1, 3).mean(0) @ np.array(leaf.matrix_world)[:3, :3].T + np.array(leaf.matrix_world)[:3, 3]
 
 
+def set_cost(cycles) -> None:
+    """What a frame costs beside its samples. Empty pixels, most of them, need few; and a denoiser as thorough as Blender's usual one takes
+    as long as twenty samples, whatever the frame shows."""
+    cycles.use_adaptive_sampling, cycles.adaptive_threshold, cycles.adaptive_min_samples = True, NOISE, FEWEST
+    cycles.use_denoising, cycles.denoising_prefilter, cycles.denoising_quality = True, "FAST", "FAST"
+
+
 def lay_floor(scene) -> None:
-    """What catches shadows lies where the meadow's ground is, as far as they reach."""
+    """What catches shadows lies where the meadow's ground is, as far as they reach and no further: each of its samples counts twice."""
     floor = scene.objects["Seeing Wind Floor"]
-    floor.location, floor.dimensions = (1.1, 6.2, 0.0), (7.0, 5.4, 0.0)
+    floor.location, floor.dimensions = (*SHADOWS[0], 0.0), (*SHADOWS[1], 0.0)
 
 
 # -- the edit ---------------------------------------------------------------------------------------------------------------------

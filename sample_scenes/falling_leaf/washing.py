@@ -27,6 +27,10 @@ HEM, SEAM = 0.011, 0.0015
 """Width of the turned edge and of its seam [m]."""
 FINE = 0.0007
 """A pixel of the painted cloth [m], where it is not told."""
+STAINS, TEA = 7, np.array([0.03, 0.065, 0.13])
+"""Spots on a cloth, and what they take of its colours."""
+GRASS = 0.09
+"""Height of the grass that stands before a foot [m]."""
 SEED = 11
 """Of its folds."""
 
@@ -71,7 +75,7 @@ def set_post(name: str, top: np.ndarray) -> bpy.types.Object:
     mesh.shade_smooth()
     obj = bpy.data.objects.new(name, mesh)
     bpy.context.scene.collection.objects.link(obj)
-    mesh.materials.append(bpy.data.materials.get("Grey Wood") or plain("Grey Wood", (0.16, 0.125, 0.09)))
+    mesh.materials.append(bpy.data.materials.get("Grey Wood") or in_grass(plain("Grey Wood", (0.16, 0.125, 0.09))))
     return obj
 
 
@@ -160,7 +164,7 @@ def woven(
     size: tuple[float, float], ground: tuple[float, float, float], stripe: tuple[float, float, float], seed: int, checked: bool,
     fine: float = FINE,
 ):  # fmt: skip
-    """A used cotton cloth (H, W, 4): sRGB 0..1, row 0 at the bottom, and how much light shines through.
+    """A used cotton cloth (H, W, 4): sRGB 0..1, row 0 at the bottom, and how much light shines through, which is its relief, too.
 
     Args:
         size: width and height [m].
@@ -176,18 +180,36 @@ def woven(
     else:
         end = np.minimum(y, size[1] - y)
         share = sum(1.0 * (np.abs(end - at) < half) for at, half in ((0.045, 0.007), (0.060, 0.0018), (0.030, 0.0018)))
-    colour = np.asarray(ground) + (np.asarray(stripe) - ground) * (0.9 * share)[..., None]
-    # threads of uneven thickness, washed out in places, ironed into eighths
+    # threads of uneven thickness, washed out in places, the stripes more so, and ironed into eighths
     threads = 0.5 * (rng.normal(size=(height, 1)) + rng.normal(size=(1, width))) + 0.5 * rng.normal(size=(height, width))
-    worn = sum(rng.normal() * np.cos(k * x + m * y + p) for k, m, p in rng.uniform(-40.0, 40.0, (12, 3)))
-    ironed = sum(np.exp(-(((along - at * side) / 0.0012) ** 2)) for along, side, at in (
+    worn = waves(x, y, 40.0, rng) + 0.6 * waves(x, y, 160.0, rng)
+    colour = np.asarray(ground) + (np.asarray(stripe) - ground) * (share * np.clip(0.82 + 0.07 * worn, 0.0, 1.0))[..., None]
+    ironed = sum(np.exp(-(((along - at * side) / 0.0022) ** 2)) for along, side, at in (
         (x, size[0], 0.5), (y, size[1], 0.25), (y, size[1], 0.5), (y, size[1], 0.75)))  # fmt: skip
-    colour *= (1.0 + 0.022 * threads + 0.010 * worn - 0.05 * ironed)[..., None]
+    colour *= (1.0 + 0.022 * threads + 0.018 * worn - 0.012 * ironed)[..., None]
+    colour *= 1.0 - stains(x, y, size, rng)[..., None] * TEA
     edge = np.minimum.reduce([x, size[0] - x, y, size[1] - y])
     seam = np.exp(-(((edge - HEM) / SEAM) ** 2)) * (0.75 + 0.25 * np.sin(2.0 * np.pi * (x + y) / 0.004))
     colour *= (1.0 - 0.05 * (edge < HEM) - 0.13 * seam)[..., None]
-    through = np.where(edge < HEM, 0.35, 1.0) * (1.0 + 0.08 * threads)
+    through = np.where(edge < HEM, 0.35, 1.0) * (1.0 + 0.08 * threads - 0.25 * ironed)
     return np.clip(np.concatenate([colour, through[..., None]], axis=-1), 0.0, 1.0)
+
+
+def waves(x: np.ndarray, y: np.ndarray, finest: float, rng: np.random.Generator) -> np.ndarray:
+    """Uneven at places x, y (H, W) [m], with a standard deviation of one: waves of so many radians per metre at most."""
+    several = [rng.normal() * np.cos(k * x + m * y + p) for k, m, p in rng.uniform(-finest, finest, (12, 3))]
+    return sum(several) / np.sqrt(6.0)
+
+
+def stains(x: np.ndarray, y: np.ndarray, size: tuple[float, float], rng: np.random.Generator) -> np.ndarray:
+    """How stained a cloth of a size [m] is at places x, y (H, W), 0..1: spots that no wash has taken out, darkest where they dried last."""
+    found = np.zeros_like(x)
+    for _ in range(STAINS):
+        middle, radius = rng.uniform(0.15, 0.85, 2) * size, rng.uniform(0.02, 0.09) * min(size)
+        away = np.hypot(x - middle[0], y - middle[1]) / radius + 0.12 * waves(x, y, 4.0 / radius, rng)
+        spot = 1.0 / (1.0 + np.exp(14.0 * (away - 1.0)))
+        found = np.maximum(found, rng.uniform(0.3, 1.0) * spot * (0.55 + 0.45 * np.exp(-(((away - 0.92) / 0.12) ** 2))))
+    return found
 
 
 # -- materials ----------------------------------------------------------------------------------------------------------------------
@@ -204,6 +226,21 @@ def plain(name: str, colour: tuple[float, float, float]) -> bpy.types.Material:
     return material
 
 
+def in_grass(material: bpy.types.Material) -> bpy.types.Material:
+    """The same, hidden from the ground, at a height of 0, up to the tips of the blades before it."""
+    tree, output = material.node_tree, material.node_tree.nodes["Material Output"]
+    add = adder(tree)
+    place = add("NewGeometry", {}).outputs["Position"]
+    blades = add("TexNoise", {"Vector": add("VectorMath", {0: place, 1: (90.0, 90.0, 8.0)}, operation="MULTIPLY").outputs[0], "Scale": 1.0})
+    height = add("SeparateXYZ", {0: place}).outputs["Z"]
+    tips = add("MapRange", {0: blades.outputs[0], 1: 0.3, 2: 0.7, 3: 0.0, 4: GRASS}).outputs[0]
+    above = add("Math", {0: height, 1: tips}, operation="GREATER_THAN").outputs[0]
+    surface = output.inputs["Surface"].links[0].from_socket
+    both = add("MixShader", {0: above, 1: add("BsdfTransparent", {}).outputs[0], 2: surface})
+    tree.links.new(both.outputs[0], output.inputs["Surface"])
+    return material
+
+
 def cotton(name: str, texture: np.ndarray) -> bpy.types.Material:
     """Cloth with the colours of a `woven` frame, fuzzy at grazing angles, bright where the light is behind it."""
     image = bpy.data.images.new(name, texture.shape[1], texture.shape[0], alpha=True)
@@ -212,9 +249,9 @@ def cotton(name: str, texture: np.ndarray) -> bpy.types.Material:
     image.pack()
     material, add = blank(name)
     seen = add("TexImage", {}, image=image)
-    creases = add("TexNoise", {"Vector": add("TexCoord", {}).outputs["UV"], "Scale": 7.0, "Detail": 5.0, "Roughness": 0.55})
-    threads = add("Bump", {"Height": seen.outputs[1], "Strength": 0.3, "Distance": 0.0006}).outputs[0]
-    bump = add("Bump", {"Height": creases.outputs[0], "Strength": 0.5, "Distance": 0.008, "Normal": threads}).outputs[0]
+    creases = add("TexNoise", {"Vector": add("TexCoord", {}).outputs["UV"], "Scale": 7.0, "Detail": 3.0, "Roughness": 0.55})
+    threads = add("Bump", {"Height": seen.outputs[1], "Strength": 0.6, "Distance": 0.0015}).outputs[0]
+    bump = add("Bump", {"Height": creases.outputs[0], "Strength": 0.7, "Distance": 0.008, "Normal": threads}).outputs[0]
     front = add("BsdfPrincipled", {"Base Color": seen.outputs[0], "Roughness": 0.9, "Specular IOR Level": 0.15, "Sheen Weight": 0.25,
                                    "Normal": bump})  # fmt: skip
     behind = add("BsdfTranslucent", {0: seen.outputs[0], "Normal": bump})
@@ -225,11 +262,16 @@ def cotton(name: str, texture: np.ndarray) -> bpy.types.Material:
 
 
 def blank(name: str):
-    """A new material with nothing but its output, and a function that adds a shader node: its kind, its inputs, its properties."""
+    """A new material with nothing but its output, and `adder` of its nodes."""
     material = bpy.data.materials.new(name)
     material.use_nodes = True
     tree = material.node_tree
     tree.nodes.remove(tree.nodes["Principled BSDF"])
+    return material, adder(tree)
+
+
+def adder(tree: bpy.types.NodeTree):
+    """A function that adds a shader node: its kind, its inputs, its properties."""
 
     def add(kind: str, inputs: dict, **properties):
         node = tree.nodes.new(f"ShaderNode{kind}")
@@ -242,4 +284,4 @@ def blank(name: str):
                 node.inputs[key].default_value = value
         return node
 
-    return material, add
+    return add

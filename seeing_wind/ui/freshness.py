@@ -18,10 +18,11 @@ from .edit.resimulate.preview import digest_of_preview, goes_before, shown_as_pr
 from .edit.resimulate.request import EditRequest
 from .edit.sheet_label import measure
 from .job import status
-from .job.takes import INPUTS, take_folder
+from .job.takes import INPUTS, simulated, stamp_of, take_folder
 from .recover.request import RecoverRequest, scene_values
 
 T = TypeVar("T")
+OVERTAKEN = "Another version of this file has simulated its own since"
 
 
 def refresh(scene: bpy.types.Scene) -> None:
@@ -39,7 +40,9 @@ def refresh(scene: bpy.types.Scene) -> None:
     edit = EditRequest.of(scene).digest()
     status.derive(now, "recover", recover, settings.recovered_digest)
     status.derive(now, "edit", edit, edit, _count(settings))
-    status.derive(now, "resimulate", edit, settings.simulated_digest)
+    overtaken = now.overtaken != "" and now.overtaken == settings.simulated_stamp
+    said = f"{OVERTAKEN}: run it again" if overtaken else ""
+    status.derive(now, "resimulate", edit, OVERTAKEN if overtaken else settings.simulated_digest, said)
     preview = digest_of_preview(scene, edit)
     status.derive(now, status.EDIT_PREVIEW, preview, settings.coarse_digest)
     shown = preview if goes_before(scene, edit) else edit
@@ -89,9 +92,23 @@ def _after_load(*_: object) -> None:
     for scene in bpy.data.scenes:
         if len(scene.seeing_wind.bodies):  # where they stand is known once Blender has evaluated them
             scene.view_layers[0].update()
+        _see_what_was_overtaken(scene)
     refresh_all()
     for scene in bpy.data.scenes:
         _say_what_was_cut_off(scene)
+
+
+def _see_what_was_overtaken(scene: bpy.types.Scene) -> None:
+    """Another version of the file, or another Blender, may have simulated its own edit into the folder since this one was saved."""
+    settings = scene.seeing_wind
+    if not settings.simulated_stamp:
+        return
+    try:
+        folder = simulated(settings)
+        if folder.is_dir() and stamp_of(folder, "resimulate") != settings.simulated_stamp:
+            status.of(scene.session_uid).overtaken = settings.simulated_stamp
+    except SeeingWindError:  # damaged or nowhere: what needs the motion says so
+        return
 
 
 def _say_what_was_cut_off(scene: bpy.types.Scene) -> None:

@@ -128,8 +128,7 @@ def set_up(
     held_out = _hold_out(scene, depths, mattes, use_plate)
     for helper in [obj for obj in scene.objects if SURE in obj or LEGEND_MARK in obj]:  # arrows and their legends
         helper.hide_render = not show_field
-    changed = set_render(scene, use_cycles, use_standard)
-    scene.cycles.samples = samples
+    changed = set_render(scene, use_cycles, use_standard, samples)
     scene.render.use_motion_blur = shutter > 0.0
     if shutter > 0.0:
         scene.render.motion_blur_shutter = shutter

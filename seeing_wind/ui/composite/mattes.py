@@ -25,6 +25,9 @@ HELD_OUT, COVERED = "Red", "Green"
 WIDER = 0.012
 """Of the frame's longer side, by which the cover is wider than the outline."""
 
+MARGIN = 3
+"""Pixels round an outline that its soft edge takes up."""
+
 
 @dataclass(frozen=True)
 class Mattes:
@@ -34,6 +37,8 @@ class Mattes:
     frames: int
     pace: Pace
     """At which scene frame each is shown."""
+    window: np.ndarray
+    """(2, 2): left and lower, right and upper end of all that the outlines reach in the clip, as shares of the frame."""
 
 
 def mattes_of(scene: bpy.types.Scene, take: Take) -> Mattes | None:
@@ -53,7 +58,18 @@ def mattes_of(scene: bpy.types.Scene, take: Take) -> Mattes | None:
             continue
         with take.writing(f"{FOLDER}/{path.name}") as aside:
             aside.write_bytes(png(matte(mask)))
-    return Mattes(_loaded(folder / "matte_0001.png"), len(masks), pace_of_scene(scene))
+    return Mattes(_loaded(folder / "matte_0001.png"), len(masks), pace_of_scene(scene), window_of(masks))
+
+
+def window_of(masks: Masks) -> np.ndarray:
+    """As `Mattes.window`; with a margin for soft edges, which may reach beyond the frame."""
+    seen = masks.windows[masks.windows[:, 2] > masks.windows[:, 0]]
+    if not len(seen):
+        return np.zeros((2, 2))
+    low, high = seen[:, :2].min(axis=0) - MARGIN, seen[:, 2:].max(axis=0) + MARGIN
+    share = np.stack([low, high]) / [masks.width, masks.height]
+    share[:, 1] = 1.0 - share[::-1, 1]
+    return share
 
 
 def matte(mask: np.ndarray) -> np.ndarray:
@@ -140,7 +156,7 @@ def set_card(scene: bpy.types.Scene, mattes: Mattes | None, depths: Sequence[flo
         card.hide_select, card.display_type = True, "BOUNDS"
         for ray in ("diffuse", "glossy", "transmission", "volume_scatter", "shadow"):
             setattr(card, f"visible_{ray}", False)
-    _shape(card, scene)
+    _shape(card, scene, mattes.window)
     card.parent = scene.camera
     card.data.materials.clear()
     card.data.materials.append(_card_material(mattes))
@@ -152,14 +168,15 @@ def set_card(scene: bpy.types.Scene, mattes: Mattes | None, depths: Sequence[flo
     return card
 
 
-def _shape(card: bpy.types.Object, scene: bpy.types.Scene) -> None:
-    """Twice as large as the frame, at a distance of one. Its UV map has the frame from 0 to 1, whatever camera renders it."""
+def _shape(card: bpy.types.Object, scene: bpy.types.Scene, window: np.ndarray) -> None:
+    """As large as what the outlines reach, since every ray that passes it costs time, at a distance of one. Its UV map has the clip's frame
+    from 0 to 1, whatever camera renders it."""
     frame = np.array([(corner / -corner.z)[:2] for corner in scene.camera.data.view_frame(scene=scene)])
     low, high = frame.min(axis=0), frame.max(axis=0)
-    corners = 0.5 * (low + high) + 2.0 * (frame - 0.5 * (low + high))
+    uv = np.array([[window[i, 0], window[j, 1]] for i, j in ((0, 0), (1, 0), (1, 1), (0, 1))])
     card.data.clear_geometry()
-    card.data.from_pydata([(x, y, -1.0) for x, y in corners.tolist()], [], [(0, 1, 2, 3)])
-    card.data.uv_layers.new().data.foreach_set("uv", ((corners - low) / (high - low)).astype(np.float32).ravel())
+    card.data.from_pydata([(x, y, -1.0) for x, y in (low + uv * (high - low)).tolist()], [], [(0, 1, 2, 3)])
+    card.data.uv_layers.new().data.foreach_set("uv", uv.astype(np.float32).ravel())
 
 
 def _card_material(mattes: Mattes) -> bpy.types.Material:

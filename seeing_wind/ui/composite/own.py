@@ -53,20 +53,24 @@ def drop_unused(blocks: bpy.types.bpy_prop_collection, name: str) -> None:
         blocks.remove(each)
 
 
-def changes(scene: bpy.types.Scene, use_cycles: bool, use_standard: bool) -> list[tuple[str, str, Any, str]]:
+def changes(scene: bpy.types.Scene, use_cycles: bool, use_standard: bool, samples: int) -> list[tuple[str, str, Any, str]]:
     """Which render settings `set_render` changes: whose, its name, the new value, and the change in words."""
     render, view, found = scene.render, scene.view_settings, []
     if use_cycles and render.engine != "CYCLES":
         found.append(("render", "engine", "CYCLES", f"render engine from {_engine(render.engine)} to Cycles"))
+    cycles = getattr(scene, "cycles", None)  # the panel is drawn without that add-on, too
+    if cycles is not None and cycles.samples != samples and (use_cycles or render.engine == "CYCLES"):
+        found.append(("cycles", "samples", samples, f"samples from {cycles.samples} to {samples}"))
+    if not render.film_transparent:
+        found.append(("render", "film_transparent", True, "film to transparent"))
     for name in _recolors(view) if use_standard else ():
         found.append(("view_settings", name, AS_FILMED[name], _instead(view, name)))
     return found
 
 
-def set_render(scene: bpy.types.Scene, use_cycles: bool, use_standard: bool) -> list[str]:
-    """Let the film be transparent, and the engine and the colors as asked. Returns what of the latter has changed, in words."""
-    scene.render.film_transparent = True
-    made = changes(scene, use_cycles, use_standard)
+def set_render(scene: bpy.types.Scene, use_cycles: bool, use_standard: bool, samples: int) -> list[str]:
+    """Let the film be transparent, and engine, samples and colors be as asked. Returns what has changed, in words."""
+    made = changes(scene, use_cycles, use_standard, samples)
     for owner, name, value, _ in made:
         setattr(getattr(scene, owner), name, value)
     return [words for *_, words in made]

@@ -32,9 +32,10 @@ class CompositeTab(Tab):
         for name in LOOK if body is not None else ():
             if name not in IN_SIGHT:
                 body.prop(settings.composite, name)
-        changed = [words for *_, words in changes(context.scene, settings.composite.use_cycles, settings.composite.use_standard)]
+        look = settings.composite
+        changed = [words for *_, words in changes(context.scene, look.use_cycles, look.use_standard, look.samples)]
         if changed:
-            draw_text(layout, context, f"Set Up Composite changes {' and '.join(changed)}", "INFO")
+            draw_text(layout, context, f"Set Up Composite changes: {', '.join(changed)}", "INFO")
         column = layout.column()
         column.operator("seeing_wind.set_up_composite", icon="NODE_COMPOSITING")
         column.operator("seeing_wind.render_composite", icon="RENDER_ANIMATION")

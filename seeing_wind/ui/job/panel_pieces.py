@@ -190,7 +190,7 @@ def draw_job(
     if step.state == State.FAILED:
         draw_failure(layout, context, step)
     elif step.state == State.STALE:
-        draw_text(layout, context, SAYS[State.STALE], "INFO")
+        draw_text(layout, context, step.message or SAYS[State.STALE], "INFO")
     elif step.message:
         draw_text(layout, context, step.message)
     if warned:

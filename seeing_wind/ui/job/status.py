@@ -91,6 +91,8 @@ class SceneStatus:
     """Whether what *Preview* said of the solve still holds."""
     previewed: list[str] = field(default_factory=list)
     """Bodies whose objects carry the motion of a preview."""
+    overtaken: str = ""
+    """Stamp of the scene's re-simulation, when the file was loaded and another one lay in its folder by then; else ""."""
 
 
 @dataclass

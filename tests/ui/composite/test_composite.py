@@ -7,11 +7,15 @@ from pathlib import Path
 import bpy
 import numpy as np
 import pytest
+from bpy_extras.object_utils import world_to_camera_view
 
+from seeing_wind.engine.masks import Masks
+from seeing_wind.engine.record_arrays import from_arrays
+from seeing_wind.engine.take import Take
 from seeing_wind.ui.clip.clip_scene import FRAME_COLOUR, create_recovered_object
 from seeing_wind.ui.composite import composite
 from seeing_wind.ui.composite.catchers import FLOOR, WALL
-from seeing_wind.ui.composite.mattes import CARD, matte, narrowed, softened, widened
+from seeing_wind.ui.composite.mattes import CARD, MARGIN, matte, narrowed, softened, widened, window_of
 from seeing_wind.ui.composite.nodes import is_set_up
 from seeing_wind.ui.composite.own import changes
 from seeing_wind.ui.field import vdb as field_vdb
@@ -54,6 +58,24 @@ def test_the_clips_object_simulated_anew_is_shown_over_the_clean_plate(scene, tm
     assert bpy.ops.seeing_wind.set_up_composite(samples=1, behind="CLIP") == {"FINISHED"}
     assert scene.objects[CARD].parent == scene.camera and scene.seeing_wind.recovered_object.hide_render
     assert np.abs(render(tmp_path / "clip.png")[2:8, 80:94] - 60).max() < 12
+
+
+def test_the_card_is_no_larger_than_all_that_the_outlines_reach(scene, workplace):
+    composite.set_up(scene, samples=1)
+    card = scene.objects[CARD]
+    bpy.context.view_layer.update()
+    seen = np.array([world_to_camera_view(scene, scene.camera, card.matrix_world @ vertex.co)[:2] for vertex in card.data.vertices])
+    uv = np.array([corner.uv[:] for corner in card.data.uv_layers[0].data])
+    np.testing.assert_allclose(seen, uv, atol=1e-4)
+    masks = from_arrays(Masks, Take(workplace / "out.take").read_arrays("observation.npz"), "masks.")
+    rows, columns = np.nonzero(np.any([masks[t] for t in range(len(masks))], axis=0))
+    low, high = uv.min(axis=0) * (masks.width, masks.height), uv.max(axis=0) * (masks.width, masks.height)
+    np.testing.assert_allclose(low, [columns.min() - MARGIN, masks.height - rows.max() - 1 - MARGIN], atol=1e-3)
+    np.testing.assert_allclose(high, [columns.max() + 1 + MARGIN, masks.height - rows.min() + MARGIN], atol=1e-3)
+
+
+def test_nothing_is_held_out_where_there_is_no_outline():
+    assert not window_of(Masks.of(np.zeros((2, 8, 8), bool))).any()
 
 
 def test_set_up_again_makes_nothing_twice(scene):
@@ -337,20 +359,22 @@ def test_a_camera_that_is_not_where_the_clip_s_was_is_told(scene, capfd):
 def test_engine_and_colors_change_only_where_the_panel_says_so(scene, capfd):
     eevee = next(item.identifier for item in scene.render.bl_rna.properties["engine"].enum_items if "EEVEE" in item.identifier)
     scene.render.engine, scene.view_settings.view_transform = eevee, "AgX"
+    scene.cycles.samples, scene.render.film_transparent = 4096, False
     look = scene.seeing_wind.composite
-    assert [words for *_, words in changes(scene, True, True)] == [
-        "render engine from EEVEE to Cycles", "view transform from AgX to Standard",
+    assert [words for *_, words in changes(scene, True, True, 32)] == [
+        "render engine from EEVEE to Cycles", "samples from 4096 to 32", "film to transparent", "view transform from AgX to Standard",
     ]  # fmt: skip
     look.use_cycles = look.use_standard = False
     assert bpy.ops.seeing_wind.set_up_composite() == {"FINISHED"}
     said = capfd.readouterr().out
-    assert (scene.render.engine, scene.view_settings.view_transform) == (eevee, "AgX") and "Changed" not in scene.seeing_wind.composite_said
+    assert (scene.render.engine, scene.view_settings.view_transform) == (eevee, "AgX") and scene.cycles.samples == 4096
+    assert scene.seeing_wind.composite_said.endswith(". Changed: film to transparent")
     assert "Warning: EEVEE catches no shadows: tick Use Cycles" in said
     assert "Warning: The view transform AgX changes the clip's colors, too: tick Standard View" in said
     assert bpy.ops.seeing_wind.set_up_composite(use_cycles=True, use_standard=True) == {"FINISHED"}
     assert (scene.render.engine, scene.view_settings.view_transform) == ("CYCLES", "Standard")
-    told = ". Changed: render engine from EEVEE to Cycles, view transform from AgX to Standard"
-    assert scene.seeing_wind.composite_said.endswith(told) and not changes(scene, True, True)
+    told = ". Changed: render engine from EEVEE to Cycles, samples from 4096 to 32, view transform from AgX to Standard"
+    assert scene.seeing_wind.composite_said.endswith(told) and not changes(scene, True, True, 32)
 
 
 def test_stereoscopy_is_refused(scene, tmp_path):

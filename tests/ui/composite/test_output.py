@@ -54,7 +54,7 @@ def test_exposure_and_look_would_change_the_clip_too(scene):
     assert view.exposure == 1.0
     assert "The look High Contrast changes the clip's colors, too: tick Standard View." in kept.warnings
     assert "The view exposure 1 changes the clip's colors, too: tick Standard View." in kept.warnings
-    assert [words for *_, words in changes(scene, True, True)][-4:] == [
+    assert [words for *_, words in changes(scene, True, True, 1)][-4:] == [
         "look from High Contrast to None", "view exposure from 1 to 0", "view gamma from 1.2 to 1", "use of curves off",
     ]  # fmt: skip
     assert not [each for each in composite.set_up(scene, samples=1).warnings if "colors" in each]

@@ -17,6 +17,8 @@ from seeing_wind.ui.bake.motion import is_intact
 from seeing_wind.ui.bake.plan import mark_of
 from seeing_wind.ui.edit import panel as panel_edit
 from seeing_wind.ui.edit.resimulate import edit_export
+from seeing_wind.ui.job.panel_pieces import draw_job
+from tests.ui.drawn import Drawn
 from tests.ui.edit.edits import state, written
 from tests.ui.meshes import cube, group, shown
 
@@ -53,9 +55,13 @@ def test_versions_of_a_file_do_not_bake_each_other_s_motion(workplace, recovered
     bpy.ops.seeing_wind.scale_mass(factor=8.0)
     bpy.ops.seeing_wind.resimulate()
     bpy.ops.wm.open_mainfile(filepath=str(workplace / "a.blend"))
+    assert state("resimulate") == "stale"
+    draw_job(told := Drawn(), bpy.context, "resimulate", "seeing_wind.resimulate", "Re-simulate", "PLAY")
+    assert "another version of this file has simulated its own since: run it again" in " ".join(told.labels).lower()
     with pytest.raises(RuntimeError, match="another version of this file simulated its own"):
         bpy.ops.seeing_wind.bake()
     bpy.ops.seeing_wind.resimulate()
+    assert state("resimulate") == "done"
     assert bpy.ops.seeing_wind.bake() == {"FINISHED"}
 
 

@@ -11,6 +11,7 @@ import pytest
 
 from seeing_wind.ui.edit.resimulate.lone_wind import lone_wind
 from tests.ui.edit.edits import state
+from tests.ui.jobs import notes_of
 from tests.ui.meshes import cube, shown
 
 
@@ -96,10 +97,14 @@ def test_of_several_winds_it_is_the_selected_one(field):
         bpy.ops.seeing_wind.resimulate()
     field.select_set(True)
     assert bpy.ops.seeing_wind.resimulate() == {"FINISHED"} and scene.seeing_wind.field_object == field
+    assert "The bodies move in Wind alone: A Wind is left out" in notes_of(scene, "resimulate")
     field.select_set(False)
     assert lone_wind(scene) == field, "as the last time"
     other.select_set(True)
     assert bpy.ops.seeing_wind.resimulate() == {"FINISHED"} and scene.seeing_wind.field_object == other
+    field.hide_viewport = True
+    assert bpy.ops.seeing_wind.resimulate() == {"FINISHED"}
+    assert not [note for note in notes_of(scene, "resimulate") if "left out" in note]
 
 
 def test_a_scene_with_a_take_of_its_own_keeps_it(recovered):

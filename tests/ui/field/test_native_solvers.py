@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import runpy
 from pathlib import Path
 
@@ -143,3 +144,23 @@ def test_the_frame_rate_of_the_scene_is_no_matter(scene, solvers, name):
     kind, measure = solvers["KINDS"][name]
     angle, size = solvers["worst"](field, measure(field, 2), 2)
     assert angle < solvers["BARS"][kind][0] and size < solvers["BARS"][kind][1]
+
+
+def test_rigid_bodies_wait_for_what_drives_the_textures(scene, solvers, tmp_path):
+    """Blender evaluates in several threads: whatever no relation orders may come too late, and show the frame before."""
+    solvers["checks"]["swirl_field"](scene)
+    bpy.ops.rigidbody.world_add()
+    graph = tmp_path / "graph.dot"
+    bpy.context.evaluated_depsgraph_get().debug_relations_graphviz(filepath=str(graph))
+    text, before = graph.read_text(), {}
+    for first, then in re.findall(r'"(\d+)" ?-> ?"(\d+)"', text):
+        before.setdefault(then, []).append(first)
+    drivers = re.findall(r'"(\d+)" \[[^\n]*label="DRIVER\(color_ramp', text)
+    waiting = re.findall(r'"(\d+)" \[[^\n]*label="RIGIDBODY_REBUILD\(', text)
+    waited_for = set()
+    while waiting:
+        for each in set(before.get(waiting.pop(), ())) - waited_for:
+            waited_for.add(each)
+            waiting.append(each)
+    bpy.ops.rigidbody.world_remove()
+    assert len(drivers) == 13 and set(drivers) <= waited_for

@@ -160,6 +160,8 @@ def test_a_change_of_settings_makes_the_recovery_stale_and_changing_back_does_no
         ({"box": (0, 0, 0, 0)}, "No box is drawn"),
         ({"mask": "/no/mask.png"}, "There is no mask"),
         ({"frames": (9, 9)}, "frames 9 to 9 is empty"),
+        ({"distance": 0.0}, "Distance must be at least 0.01 m; this is 0"),
+        ({"distance": -1.0}, "Distance must be at least 0.01 m; this is -1"),
     ],
 )
 def test_bad_settings_are_refused_before_anything_starts(workplace, scene, options, says) -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import bpy
 
 from ....engine.errors import ObjectError, UsageError
-from ....engine.settings import ObserveSettings
+from ....engine.settings import ObserveSettings, options_of
 from ...option_properties import check_files, part_of, single
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ def object_options(
 
     Raises:
         ObjectError: when nothing says where the object is.
-        UsageError: when a file is named that is not there.
+        UsageError: when a file is named that is not there, or the object is at no distance.
     """
     named = _marked(settings.object_mode, values)  # first: while nothing is marked, nothing that needs NumPy is read
     from ..inputs.scene_inputs import scene_inputs
@@ -40,6 +40,7 @@ def object_options(
     if settings.scale_mode == "PIXELS":
         named.append("pixels_per_metre")
     elif settings.scale_mode == "DISTANCE" or (settings.scale_mode == "AUTO" and "camera" not in made):
+        options_of(ObserveSettings)["distance"].check(values["distance"], "Distance")
         named.append("distance")  # without either the engine takes the distance of the world's origin from the camera
     if "camera" not in made:
         named.append("camera" if settings.camera_mode == "JSON" else "fov")

@@ -18,6 +18,8 @@ NUMBERS = [one.name for one in options_of(BuildSettings).values() if one.group =
 
 @with_options(BuildSettings)
 @with_options(ObserveSettings, but=OF_THE_CLIP)
+# what is typed stays to be seen, and is refused in words: Blender would make a centimetre of 0 without any
+@with_options(ObserveSettings, only=("distance",), min=-1.0e6, soft_min=0.01)
 class ObjectOptions:
     """Which object, at what scale, made of what: settings of a scene, and keyword arguments of Recover."""
 

@@ -45,18 +45,27 @@ def stamp(scene: bpy.types.Scene) -> list[tuple]:
 def left_out(scene: bpy.types.Scene) -> list[str]:
     """What would push, or weaken a push, on a solver of the scene, and does not in the re-simulation: in words."""
     settings = scene.seeing_wind
-    if not settings.use_force_fields:
-        return []
     seen = [obj for obj in scene.objects if not obj.hide_viewport]
+    said = _other_winds(seen, settings.field_object)
+    if not settings.use_force_fields:
+        return said
     pushing = [
         obj.name for obj in seen
         if any(_has_forces(system.settings) for system in obj.particle_systems) and _chosen(obj, settings.effectors)
     ]  # fmt: skip
     walls = [obj.name for obj in seen if obj.collision is not None and obj.collision.use and obj.collision.absorption > 0.0]
-    said = [f"The particles of {', '.join(pushing)} push with a force field of their own: it is left out"] if pushing else []
+    if pushing:
+        said.append(f"The particles of {', '.join(pushing)} push with a force field of their own: it is left out")
     if walls and force_fields(scene):
         said.append(f"{', '.join(walls)} should absorb force fields behind it (Field Absorption): they act through it here")
     return said
+
+
+def _other_winds(seen: list[bpy.types.Object], felt: bpy.types.Object | None) -> list[str]:
+    """That bodies move in one wind only, where solvers of the scene feel more."""
+    others = sorted(obj.name for obj in seen if is_field(obj) and obj != felt)
+    where = felt.name if felt is not None else "the recovered wind"
+    return [f"The bodies move in {where} alone: {', '.join(others)} {'are' if len(others) > 1 else 'is'} left out"] if others else []
 
 
 def _has_forces(settings: bpy.types.ParticleSettings) -> bool:

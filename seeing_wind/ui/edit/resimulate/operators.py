@@ -55,6 +55,8 @@ class Simulation(JobOperator):
         status.of(scene.session_uid).warnings.extend(said + self.remarks)
         edit = self.owner(scene)
         worked_on = edit == settings
+        if worked_on and not self.coarse:
+            status.of(scene.session_uid).overtaken = ""
         if edit is not None:
             for body in edit.bodies:  # an undo while it ran has taken the names back
                 body.result = self.names.get(_who(body), "")
