@@ -17,7 +17,7 @@ from .motion import Flows, window_of, within
 from .moving.in_box import NEARBY, Moving
 from .rim import boxed_in, cut_back
 from .through import followed
-from .veil import beyond_box
+from .moving.others import beyond_box
 
 ROUGH_PIXELS = 40_000
 """Pixels of the object's bounding box beyond which it is followed in smaller frames first, to see what is behind it."""

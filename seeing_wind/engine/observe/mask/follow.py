@@ -7,12 +7,12 @@ import numpy as np
 
 from ...progress import Progress
 from .background import Plate
-from .cutting import LEAST_PIXELS, grown, tidy
-from .evidence import APART, SMALL, Colors, Contrast, against_plate, against_shape, band_of, cut_out
+from .cutting import LEAST_PIXELS, grown, hanging_on, tidy
+from .evidence import APART, SMALL, Contrast, against_plate, against_shape, band_of, cut_out
 from .motion import Flow, Flows, FlowSolver, Window, body_shift, cut, joined, middle_of, paste, placed, window_of, within
-from .moving.others import Along, Arrives, Beside
+from .moving.others import Other
 from .rim import cut_back
-from .veil import Veil, adjoining, out_again
+from .veil import THICK, Veil
 
 LOST = 0.3
 """A mask smaller than this part of what was expected means hidden or gone, and the shape seen last is kept for the search."""
@@ -68,10 +68,6 @@ class MaskFollower:
         self._plate = plate
         self._contrast = contrast if contrast is not None or plate is None else Contrast(plate, [(frame, mask)])
         self._solver = FlowSolver(rough=True)
-        near = cv2.dilate(cut(mask, window_of(mask, 24)).astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
-        around = cut(frame, window_of(mask, 24))
-        self._arrives = Arrives(frame[mask], around[~near])
-        self._colors = Colors(frame[mask], around[~near])
         self._gray = cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY)
         self._shape_window: Window = window_of(mask, 0)
         self._shape = cut(mask, self._shape_window)
@@ -80,7 +76,7 @@ class MaskFollower:
         self._missed = 0
         self._most = float(mask.sum())
         self._veil = Veil(mask)
-        self._beside, self._along = Beside(), Along(other)
+        self._other = Other(frame, mask, other)
         self.mask = mask
         self.velocity = np.zeros(2)
         self.hidden = False
@@ -103,13 +99,10 @@ class MaskFollower:
         self._progress.check()
         motion = self._motion(shift)
         self._veil.move(motion)
-        self._beside.move(self.flow, motion)
-        self._along.move(self.flow, wide)
-        self._colors = self._arrives.meet(frame, motion, self._beside, self._along) or self._colors
+        self._other.move(frame, self.flow, motion, wide)
         carried, where = self._carry(shift, margin)
-        carried, where = self._with_what_is_out_again(frame, carried, where)
         found, background = self._silhouette(frame, carried, where)
-        found, background, where = self._with_what_grew_back(frame, found, background, where)
+        found, background, where = self._with_what_comes_back(frame, found, background, where)
         self._veil.keep(self._moved(motion, where), found, background, where)
         self._remember(frame, gray, shift, carried, found, where)
         mask = np.zeros(gray.shape, bool)
@@ -130,7 +123,7 @@ class MaskFollower:
             "template": self._template,
             "velocity": self.velocity,
             "counts": np.array([self._steps, self._missed, self.hidden, self._most]),
-        } | self._veil.state() | self._beside.state() | self._along.state() | self._arrives.state() | (
+        } | self._veil.state() | self._other.state() | (
             self._kept.state() if self._kept is not None else {}
         )
 
@@ -143,9 +136,7 @@ class MaskFollower:
         self.hidden, self.velocity = hidden > 0, state["velocity"]
         self._gray, self.mask, self.flow = cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY), mask, None
         self._veil.resume(state)
-        self._beside.resume(state)
-        self._along.resume(state)
-        self._colors = self._arrives.resume(state) or self._colors
+        self._other.resume(state)
         if self._kept is not None:
             self._kept.resume(state)
 
@@ -178,23 +169,6 @@ class MaskFollower:
         flow is that of what stands still."""
         (dx, dy), (x0, y0, x1, y1) = (int(value) for value in np.round(motion)), self._shape_window
         return placed(self._shape, (x0 + dx, y0 + dy, x1 + dx, y1 + dy), where)
-
-    def _with_what_is_out_again(self, frame: np.ndarray, carried: np.ndarray, where: Window) -> tuple[np.ndarray, Window]:
-        """The carried silhouette with what was hidden and now looks like the object, in a window that holds both."""
-        if self._veil.window is None:
-            return carried, where
-        around = within(self._veil.window, frame)
-        seen = self._against_plate(frame, around)
-        if seen is None:
-            return carried, where
-        behind, known = seen
-        alike = known & (behind > 0.0) & (self._colors.odds(cut(frame, around)) > 0.0)
-        again = out_again(self._veil.over(around) & alike, placed(carried, where, around), band_of(float(carried.sum())))
-        if not again.any():
-            return carried, where
-        x0, y0, x1, y1 = window_of(again, FILTERS)
-        both = joined(where, (x0 + around[0], y0 + around[1], x1 + around[0], y1 + around[1]))
-        return placed(carried, where, both) | placed(again, around, both), both
 
     def _carry(self, shift: np.ndarray, margin: int) -> tuple[np.ndarray, Window]:
         """The last silhouette moved by the flow (or the shift), in a window round its new place."""
@@ -229,30 +203,31 @@ class MaskFollower:
                 paste(background, seen[1] & (seen[0] < 0.0), near)
             paste(found, self._cut_out(frame, cut(carried, near, cv2.BORDER_CONSTANT), around, band, seen), near)
             if seen is not None:
-                differs, own = seen[1] & (seen[0] > 0.0), cut(found, near, cv2.BORDER_CONSTANT)
-                self._beside.keep(differs, own, around)
-                if self._along.any():
-                    unlike = self._colors.odds(cut(frame, around)) < 0.0
-                    self._along.keep(differs & unlike, seen[1] & ~differs, own, around)
+                differs, unlike = seen[1] & (seen[0] > 0.0), self._other.colors.odds(cut(frame, around)) < 0.0
+                self._other.keep(differs, seen[1] & ~differs, unlike, cut(found, near, cv2.BORDER_CONSTANT), around)
         return found, background
 
-    def _with_what_grew_back(
+    def _with_what_comes_back(
         self, frame: np.ndarray, found: np.ndarray, background: np.ndarray, where: Window
     ) -> tuple[np.ndarray, np.ndarray, Window]:
-        """What `_silhouette` gave in the window `where`, found again from a larger shape where much less of the object is seen than once.
+        """What `_silhouette` gave in the window `where`, found again from a larger shape where a part was hidden or much less of the object
+        is seen than once.
 
-        A silhouette goes astray where a sheet turns edge-on or folds, and what comes out then lies farther away than it can be off.
+        What comes out behind a post, or of a sheet that was edge-on, lies farther away than a silhouette can be off.
         """
         self._most = max(self._most, float(found.sum()))
-        if not SMALL < found.sum() < WHOLE * self._most:
+        if found.sum() >= WHOLE * self._most:
             return found, background, where
-        x0, y0, x1, y1 = window_of(found, int(0.5 * np.sqrt(self._most)))
-        wide = within((x0 + where[0], y0 + where[1], x1 + where[0], y1 + where[1]), frame)
+        x0, y0, x1, y1 = window_of(found, int(0.5 * np.sqrt(self._most))) if found.any() else (0, 0, *found.shape[::-1])
+        wide = joined((x0 + where[0], y0 + where[1], x1 + where[0], y1 + where[1]), self._veil.window if self._veil.any() else None)
+        wide = within(wide, frame)
         seen = self._against_plate(frame, wide)
         if seen is None:
             return found, background, where
-        sure = seen[1] & (seen[0] > SURELY) & (self._colors.odds(cut(frame, wide)) > 0.0)
-        again = adjoining(sure, placed(found, where, wide))
+        sure = seen[1] & (seen[0] > SURELY) & (self._other.colors.odds(cut(frame, wide)) > 0.0)
+        sure = cv2.morphologyEx(sure.astype(np.uint8), cv2.MORPH_OPEN, np.ones((THICK, THICK), np.uint8)) > 0
+        again = placed(found, where, wide) | self._veil.over(wide) & sure
+        again = hanging_on(sure, again)
         return (*self._silhouette(frame, again, wide), wide) if again.sum() > found.sum() else (found, background, where)
 
     def _against_plate(self, frame: np.ndarray, around: Window) -> tuple[np.ndarray, np.ndarray] | None:
@@ -267,12 +242,12 @@ class MaskFollower:
         """`plate`: what `against_plate` says in the window `where`, if a background is known."""
         crop = cut(frame, where)
         odds = against_shape(carried, band)
-        colors = self._colors.odds(crop)
+        colors = self._other.colors.odds(crop)
         if plate is None:
             odds = np.minimum(odds, CARRIED_BLIND) + colors
         else:
             behind, known = plate
-            other = self._beside.over(where) | (self._along.over(where) & (colors < 0.0))
+            other = self._other.over(where) & (colors < 0.0)
             if other.any():
                 # Beside another thing that moves, what is no background may be either: there colours tell.
                 known = known & ~((behind > 0.0) & grown(other))
