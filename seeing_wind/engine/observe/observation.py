@@ -106,23 +106,21 @@ def _seen(clip: Clip, settings: ObserveSettings, progress: Progress, journal: Jo
     unaided = first_outline(settings, clip.frames, plate, moving, lens, progress)
     mask = shown.get(0, unaided)
     progress.update(0.1, "following the object")
-    contrast, flows, other = None, None, None
+    contrast, other = None, None
     if plate is not None and moving is not None:
         behind = plate
-        unaided, plate, contrast, flows, other = with_background(
-            clip.frames, unaided, behind, moving, settings, around, progress, journal
-        )
+        unaided, plate, contrast, other = with_background(clip.frames, unaided, behind, moving, settings, around, progress, journal)
         mask = unaided
         if 0 in shown:
             # What is behind the object, and how it differs from that, is learnt once more where the user has drawn it.
             drawn = replace(settings, box=None)
-            mask, plate, contrast, flows, _ = with_background(clip.frames, shown[0], behind, moving, drawn, shown[0], progress, journal)
-    outlines = with_corrections(clip.frames, mask, unaided, shown, marks, plate, contrast, flows, other, progress, journal)
+            mask, plate, contrast, _ = with_background(clip.frames, shown[0], behind, moving, drawn, shown[0], progress, journal)
+    outlines = with_corrections(clip.frames, mask, unaided, shown, marks, plate, contrast, other, progress, journal)
     mask = mask if outlines is None else outlines[0]
     pin = _pin(settings.pin, mask, lens)
     depth = object_depth(_depth_map(known_depth, mask, distance, lens, settings), depth_name, mask, distance, progress)
     _tell_huge(mask, depth, camera, progress)
-    masks, tracks = follow(clip, mask, outlines, plate, contrast, flows, other, lens, settings, progress, journal)
+    masks, tracks = follow(clip, mask, outlines, plate, contrast, other, lens, settings, progress, journal)
     bare = beside.submit(clean_plate, clip.frames, masks, median, progress)
     tell_defects(clip.frames, masks, progress)
     doubts += [] if asked is None else asked.result()

@@ -18,7 +18,7 @@ from .evidence import RIM, Contrast
 from .first_mask import SEED
 from .follow import MaskFollower
 from .from_box import FEW
-from .motion import Flows, FlowSolver, cut, middle_of, paste, window_of, within
+from .motion import FlowSolver, cut, middle_of, paste, window_of, within
 from .through import followed
 
 LOCAL = 0.6
@@ -277,7 +277,6 @@ def with_corrections(
     marks: dict[int, Marks],
     plate: Plate | None,
     contrast: Contrast | None,
-    flows: Flows | None,
     other: np.ndarray | None,
     progress: Progress,
     journal: Journal,
@@ -286,12 +285,11 @@ def with_corrections(
 
     Args:
         unaided: (H, W) bool, what was found in frame 0 without what the user showed there: it tells what goes wrong.
-        shown: outlines (H, W) bool by frame; marks: by frame; flows: how it moves, as far as that is known; other: another
-            thing (H, W) bool that moves along.
+        shown: outlines (H, W) bool by frame; marks: by frame; other: another thing (H, W) bool that moves along.
     """
     if not shown and not marks:
         return None
-    follower = MaskFollower(frames[0], mask, plate, progress, contrast, trim=True, known=flows, other=other)
+    follower = MaskFollower(frames[0], mask, plate, progress, contrast, trim=True, other=other)
     found = followed(frames.__getitem__, len(frames), follower, progress.part(0.2, 0.3), journal.loop("follow to correct"))
     found = Masks.of(found[t] if t else unaided for t in range(len(found)))
     marked = {t: with_marks(frames[t], shown.get(t, found[t]), each, progress) for t, each in marks.items()}

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from .background import Plate
-from .cutting import enclosed
+from .cutting import enclosed, grown
 from .motion import Window, cut, window_of
 from .rim import core
 
@@ -27,6 +27,13 @@ SMALL = 400
 
 APART = 4.0
 """Log odds against another thing beside the object."""
+
+CARRIED, CARRIED_BLIND = 2.0, 1.2
+"""Most log odds for an expected silhouette, where the background is known and where only colours speak, which are less sure: what is wrong
+in it goes away again."""
+
+BESIDE_PLATE = 0.45
+"""Weight of colours where the background is known."""
 
 OUTSIDE = -50.0
 """Log odds of what is certainly not the object."""
@@ -197,6 +204,23 @@ def against_shape(shape: np.ndarray, band: float) -> np.ndarray:
     # Each distance is 0 on the other's side.
     odds = cv2.addWeighted(within, 3.0 / band, beyond, -1.5 / band, -STAYS) + one * np.float32(2.0 * STAYS)
     return np.clip(odds, -SURE - 1.0, SURE)
+
+
+def weighed(
+    expected: np.ndarray, seen: tuple[np.ndarray, np.ndarray] | None, colors: np.ndarray, other: np.ndarray, motion: np.ndarray | float = 0.0
+) -> np.ndarray:
+    """Log odds (h, w) by all evidence: an `expected` silhouette's, what `against_plate` has `seen` if a background is known, that of `colors`
+    and of `motion` (h, w), and `other` (h, w) bool, another thing.
+
+    Where the background is known, it says more than colours and motion do. But it does not tell the object from another thing beside it.
+    """
+    if seen is None:
+        return np.minimum(expected, CARRIED_BLIND) + colors
+    behind, known = seen
+    beside = grown(other)
+    known = known & ~((behind > 0.0) & beside)
+    there = np.minimum(expected, CARRIED) + behind + BESIDE_PLATE * colors
+    return np.where(known, there, np.minimum(expected, CARRIED_BLIND) + colors + motion * ~beside) - APART * other
 
 
 def band_of(area: float) -> float:

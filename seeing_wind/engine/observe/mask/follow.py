@@ -8,8 +8,8 @@ import numpy as np
 from ...progress import Progress
 from .background import Plate
 from .cutting import LEAST_PIXELS, grown, hanging_on, tidy
-from .evidence import APART, SMALL, Contrast, against_plate, against_shape, band_of, cut_out
-from .motion import Flow, Flows, FlowSolver, Window, body_shift, cut, joined, middle_of, paste, placed, window_of, within
+from .evidence import SMALL, Contrast, against_plate, against_shape, band_of, cut_out, weighed
+from .motion import Flow, FlowSolver, Window, body_shift, cut, joined, middle_of, paste, placed, window_of, within
 from .moving.others import Other
 from .rim import cut_back
 from .veil import THICK, Veil
@@ -17,21 +17,11 @@ from .veil import THICK, Veil
 LOST = 0.3
 """A mask smaller than this part of what was expected means hidden or gone, and the shape seen last is kept for the search."""
 
-PARTLY = 0.75
-"""A small object's mask below this part of its usual size is partly hidden: shape, colours and velocity of the last full sight are kept."""
-
-CARRIED, CARRIED_BLIND = 2.0, 1.2
-"""Most log odds for the silhouette that was carried on, where the background is known and where only colours speak, which are less sure:
-what is wrong in it goes away again."""
-
 WHOLE, SURELY = 0.8, 2.0
 """Part of the object's largest silhouette below which the rest of it is looked for, and its least log odds against the background."""
 
 FILTERS = 8
 """Pixels that filters reach beyond what they are asked for."""
-
-BESIDE_PLATE = 0.3
-"""Weight of colours where the background is known."""
 
 
 class MaskFollower:
@@ -54,16 +44,14 @@ class MaskFollower:
         progress: Progress,
         contrast: Contrast | None = None,
         trim: bool = False,
-        known: Flows | None = None,
-        kept: Flows | None = None,
         other: np.ndarray | None = None,
     ) -> None:
         """`frame` (H, W, 3) uint8 RGB and `mask` (H, W) bool of frame 0; `progress` is asked several times a frame.
 
         `contrast`: how the object differs from the plate; None learns it from frame 0. `trim`: masks end in the middle of a blurred rim.
-        `known`: motion that a former pass found, `kept`: takes what this one finds. `other` (H, W) bool: another thing that may move along.
+        `other` (H, W) bool: another thing that may move along.
         """
-        self._trim, self._known, self._kept = trim, known, kept
+        self._trim = trim
         self._progress = progress
         self._plate = plate
         self._contrast = contrast if contrast is not None or plate is None else Contrast(plate, [(frame, mask)])
@@ -91,11 +79,7 @@ class MaskFollower:
         side = max(window[2] - window[0], window[3] - window[1])
         margin = int(np.clip(0.25 * side, 12, 80))
         wide = (window[0] - margin, window[1] - margin, window[2] + margin, window[3] + margin)
-        self.flow = None if self.hidden or self._known is None else self._known.covering(self._steps, window)
-        if self.flow is None and not self.hidden:
-            self.flow = self._solver.between(self._gray, gray, wide, shift)
-        if self._kept is not None:
-            self._kept.add(self.flow, wide, shift)
+        self.flow = None if self.hidden else self._solver.between(self._gray, gray, wide, shift)
         self._progress.check()
         motion = self._motion(shift)
         self._veil.move(motion)
@@ -123,9 +107,7 @@ class MaskFollower:
             "template": self._template,
             "velocity": self.velocity,
             "counts": np.array([self._steps, self._missed, self.hidden, self._most]),
-        } | self._veil.state() | self._other.state() | (
-            self._kept.state() if self._kept is not None else {}
-        )
+        } | self._veil.state() | self._other.state()
 
     def resume(self, frame: np.ndarray, mask: np.ndarray, state: dict[str, np.ndarray]) -> None:
         """See `through.Follower.resume`."""
@@ -137,14 +119,6 @@ class MaskFollower:
         self._gray, self.mask, self.flow = cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY), mask, None
         self._veil.resume(state)
         self._other.resume(state)
-        if self._kept is not None:
-            self._kept.resume(state)
-
-    def _changed(self, frame: np.ndarray) -> np.ndarray | None:
-        """Evidence (H, W) float32 in 0..1 that a pixel is not background: 0.5 at five times the noise."""
-        if self._plate is None or self._contrast is None:
-            return None
-        return np.clip(self._plate.difference(frame) / (10.0 * self._plate.noise), 0.0, 1.0)
 
     def _search(self, frame: np.ndarray) -> np.ndarray:
         size = float(np.sqrt(self._shape.sum()))
@@ -153,10 +127,7 @@ class MaskFollower:
         if self.hidden:
             reach = max(reach, 1.5 * size) * (1 + min(self._missed, 4))
         origin = (self._shape_window[0], self._shape_window[1])
-        # A plate that holds only part of the object's path as clean would pull towards that part.
-        clean = self._plate is not None and cut(self._plate.reliable, self._shape_window).mean() > 0.9
-        changed = self._changed(frame) if clean else None
-        return body_shift(self._template, self._shape, origin, frame, changed, self.velocity, min(reach, 200.0))
+        return body_shift(self._template, self._shape, origin, frame, self.velocity, min(reach, 200.0))
 
     def _motion(self, shift: np.ndarray) -> np.ndarray:
         """(2,) [px], of the whole object: what it lost or gained on a side moves its middle, too, but not its points."""
@@ -241,18 +212,9 @@ class MaskFollower:
     ) -> np.ndarray:
         """`plate`: what `against_plate` says in the window `where`, if a background is known."""
         crop = cut(frame, where)
-        odds = against_shape(carried, band)
         colors = self._other.colors.odds(crop)
-        if plate is None:
-            odds = np.minimum(odds, CARRIED_BLIND) + colors
-        else:
-            behind, known = plate
-            other = self._other.over(where) & (colors < 0.0)
-            if other.any():
-                # Beside another thing that moves, what is no background may be either: there colours tell.
-                known = known & ~((behind > 0.0) & grown(other))
-            odds = np.where(known, np.minimum(odds, CARRIED) + behind + BESIDE_PLATE * colors, np.minimum(odds, CARRIED_BLIND) + colors)
-            odds[other & ~carried] -= APART
+        other = self._other.over(where) & (colors < 0.0) & ~carried
+        odds = weighed(against_shape(carried, band), plate, colors, other)
         return tidy(cut_out(odds, crop, float(carried.sum())), carried)
 
     def _remember(
@@ -262,8 +224,8 @@ class MaskFollower:
         self.hidden = area < max(LOST * carried.sum(), min(LEAST_PIXELS, 0.5 * carried.sum()))
         self._missed, self._gray = self._missed + 1 if self.hidden else 0, gray
         self._steps += 1
-        if self.hidden or (self._shape.sum() < SMALL and area < PARTLY * self._shape.sum()):
-            # The last full sight moves on: by the velocity when nothing was seen, by the search when something was.
+        if self.hidden:
+            # The last full sight moves on.
             x0, y0, x1, y1 = self._shape_window
             dx, dy = (int(value) for value in np.round(self.velocity if self._steps > 1 else shift))
             self._shape_window = (x0 + dx, y0 + dy, x1 + dx, y1 + dy)
