@@ -207,10 +207,14 @@ def against_shape(shape: np.ndarray, band: float) -> np.ndarray:
 
 
 def weighed(
-    expected: np.ndarray, seen: tuple[np.ndarray, np.ndarray] | None, colors: np.ndarray, other: np.ndarray, motion: np.ndarray | float = 0.0
+    expected: np.ndarray,
+    seen: tuple[np.ndarray, np.ndarray] | None,
+    colors: np.ndarray,
+    other: np.ndarray,
+    motion: np.ndarray | float = 0.0,
 ) -> np.ndarray:
-    """Log odds (h, w) by all evidence: an `expected` silhouette's, what `against_plate` has `seen` if a background is known, that of `colors`
-    and of `motion` (h, w), and `other` (h, w) bool, another thing.
+    """Log odds (h, w) by all evidence: that of an `expected` silhouette, what `against_plate` has `seen` if a background is known, that of
+    `colors` and of `motion`, (h, w) each, and `other` (h, w) bool, another thing.
 
     Where the background is known, it says more than colours and motion do. But it does not tell the object from another thing beside it.
     """

@@ -46,9 +46,7 @@ class Other(Carried):
 
     def __init__(self, frame: np.ndarray, mask: np.ndarray, other: np.ndarray | None) -> None:
         """`frame` (H, W, 3) uint8; the object `mask` (H, W) bool, and another thing (H, W) bool, if there is one, in it."""
-        super().__init__("other")
-        if other is not None:
-            self.set(other, (0, 0, other.shape[1], other.shape[0]))
+        super().__init__("other", other)
         self._beside = Carried("beside")
         around = window_of(mask, 24)
         near = cv2.dilate(cut(mask, around).astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
@@ -57,29 +55,32 @@ class Other(Carried):
 
     def move(self, frame: np.ndarray, flow: Flow | None, motion: np.ndarray, sought: Window) -> None:
         """To the next `frame` (H, W, 3) by the `flow` found in the window `sought`, while the object moves by `motion` (2,) [px]."""
+        met = self._beside
         if flow is None:
-            self._beside = Carried("beside")
+            met.set(np.zeros((1, 1), bool))
             return
-        self.flow(flow, sought)
-        if not self._beside.any():
+        self.set(self.over(sought), sought)
+        self.flow(flow)
+        if not met.any():
             return
-        otherwise = np.linalg.norm(flow.over(sought) - motion.astype(np.float32), axis=2) > OTHERWISE
-        self._beside.set(self._beside.over(sought) & otherwise, sought)
-        self._beside.flow(flow, sought)
-        met = self._beside.over(sought)
-        if met.any():
-            self.set(self.over(sought) | met, sought)
-            self._seen = np.concatenate([self._seen, cut(frame, sought)[met]])[-SAMPLES:]
-            self.colors = self._learnt()
+        otherwise = np.linalg.norm(flow.over(met.window) - motion.astype(np.float32), axis=2) > OTHERWISE
+        met.set(met.part & otherwise, met.window)
+        met.flow(flow)
+        both = joined(self.window, met.window) if self.any() else met.window
+        self.set(self.over(both) | met.over(both), both)
+        self._seen = np.concatenate([self._seen, cut(frame, met.window)[met.part]])[-SAMPLES:]
+        self.colors = self._learnt()
 
-    def keep(self, differs: np.ndarray, background: np.ndarray, unlike: np.ndarray, found: np.ndarray, where: Window) -> None:
+    def keep(
+        self, differs: np.ndarray, background: np.ndarray, unlike: np.ndarray, found: np.ndarray, whole: np.ndarray, where: Window
+    ) -> None:
         """After a frame, (h, w) bool in the window `where`: what `differs` from the background, where that is seen, what is `unlike` the
-        object in its colours, and what is `found` to be the object."""
+        object in its colours, what is `found` to be the object, and what may be."""
         if self.any():
             both = joined(self.window, where)
             part, (more, behind, own) = self.over(both), (placed(one, where, both) for one in (differs & unlike, background, found))
             self.set((part & ~behind | grown(part) & more & ~enclosed(own)) & ~own, both)
-        rest = (differs & ~found).astype(np.uint8)
+        rest = (differs & ~whole).astype(np.uint8)
         thick = max(THICK, int(LARGE * np.sqrt(found.sum()))) | 1  # OpenCV moves what it opens by an even number
         core = cv2.morphologyEx(rest, cv2.MORPH_OPEN, np.ones((thick, thick), np.uint8)) > 0
         self._beside.set(hanging_on(rest > 0, core), where)
