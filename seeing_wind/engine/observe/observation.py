@@ -31,7 +31,7 @@ from .mask.corrected import Marks, carried_to_first, marks_of, with_corrections
 from .mask.cutting import LEAST_PIXELS
 from .mask.first_mask import point_list, read_mask
 from .mask.from_box import box_round
-from .mask.moving.in_box import moving_from
+from .mask.moving.in_box import hardly_moves, moving_from
 from .networks import check_networks, first_depth, first_outline
 from .working_size import WorkingSize, working_scale
 
@@ -103,6 +103,8 @@ def _seen(clip: Clip, settings: ObserveSettings, progress: Progress, journal: Jo
         around = _marked_area(settings, height, width)
     boxed = around if settings.box is not None else np.zeros_like(around)
     moving = None if plate is None else moving_from(clip.frames, boxed, plate, progress)
+    if plate is not None and moving is not None and boxed.any():
+        doubts += [one for one in (hardly_moves(clip.frames[0], boxed, plate, moving),) if one is not None]
     unaided = first_outline(settings, clip.frames, plate, moving, lens, progress)
     mask = shown.get(0, unaided)
     progress.update(0.1, "following the object")

@@ -46,7 +46,7 @@ class Carried:
             return
         rows, columns = np.nonzero(self.part)
         to = np.stack([columns, rows], axis=1) + np.rint(flow.over(self.window)[rows, columns]).astype(np.int64)
-        low, high = to.min(axis=0) - 2, to.max(axis=0) + 3
+        low, high = to.min(axis=0) - 4, to.max(axis=0) + 5  # as far as closing looks
         part = np.zeros((high - low)[::-1], np.uint8)
         part[tuple((to - low).T[::-1])] = 1
         # Pixels drift apart where it grows.
