@@ -173,12 +173,8 @@ def carried_to_first(frames: Frames, shown: dict[int, np.ndarray], plate: Plate 
         ObjectError: it is lost on the way.
     """
     start = min(shown)
-    mask = shown[start]
-    follower = MaskFollower(frames[start], mask, plate, progress, trim=True)
-    for t in range(start - 1, -1, -1):
-        progress.check()
-        frame = frames[t]
-        mask = follower.finished(frame, follower.advance(frame))
+    follower = MaskFollower(frames[start], shown[start], plate, progress, trim=True)
+    mask = followed(lambda t: frames[start - t], start + 1, follower, progress.part(0.08, 0.1), Journal().loop("back"))[start]
     if not mask.any():
         raise ObjectError(
             f"The object is marked in frame {start} and cannot be followed back to the first one.",

@@ -35,9 +35,6 @@ in it goes away again."""
 BESIDE_PLATE = 0.45
 """Weight of colours where the background is known."""
 
-OUTSIDE = -50.0
-"""Log odds of what is certainly not the object."""
-
 STAYS = 0.7
 """Log odds at its very border for a silhouette that was carried on: what says little does not wear it away."""
 
@@ -245,4 +242,4 @@ def cut_out(odds: np.ndarray, frame: np.ndarray, area: float) -> np.ndarray:
 
     middle, level = mean(guide), mean(values)
     slope = (mean(guide * values) - middle * level) / (mean(guide * guide) - middle**2 + NO_EDGE**2)
-    return (mean(slope) * guide + mean(level - slope * middle) > 0.0) & (odds > OUTSIDE / 2)
+    return mean(slope) * guide + mean(level - slope * middle) > 0.0

@@ -143,22 +143,22 @@ class MaskFollower:
 
     def _silhouette(self, frame: np.ndarray, carried: np.ndarray, where: Window) -> np.ndarray:
         """The object (h, w) bool by its `carried` silhouette (h, w) bool, both in the window `where`."""
-        found = np.zeros_like(carried)
         if not carried.any():
-            return found
+            return carried
         band = band_of(float(carried.sum()))
         # Farther away than three bands, no evidence outweighs the silhouette's.
         near = window_of(carried, int(3 * band) + FILTERS)
         around = within((near[0] + where[0], near[1] + where[1], near[2] + where[0], near[3] + where[1]), frame)
-        if around[0] < around[2] and around[1] < around[3]:
-            near = (around[0] - where[0], around[1] - where[1], around[2] - where[0], around[3] - where[1])
-            seen = self._against_plate(frame, around)
-            paste(found, self._cut_out(frame, cut(carried, near, cv2.BORDER_CONSTANT), around, band, seen), near)
-            if seen is not None:
-                differs, unlike = seen[1] & (seen[0] > 0.0), self._other.colors.odds(cut(frame, around)) < 0.0
-                own = cut(found, near, cv2.BORDER_CONSTANT)
-                self._other.keep(differs, seen[1] & ~differs, unlike, own, own | self._whole.over(around), around)
-        return found
+        if around[0] >= around[2] or around[1] >= around[3]:
+            return np.zeros_like(carried)
+        crop, seen, before = cut(frame, around), self._against_plate(frame, around), placed(carried, where, around)
+        colors = self._other.colors.odds(crop)
+        odds = weighed(against_shape(before, band), seen, colors, self._other.over(around) & (colors < 0.0) & ~before)
+        own = tidy(cut_out(odds, crop, float(before.sum())), before)
+        if seen is not None:
+            differs = seen[1] & (seen[0] > 0.0)
+            self._other.keep(differs, seen[1] & ~differs, colors < 0.0, own, own | self._whole.over(around), around)
+        return placed(own, around, where)
 
     def _with_what_comes_back(self, frame: np.ndarray, found: np.ndarray, where: Window) -> tuple[np.ndarray, Window]:
         """What `_silhouette` has `found` in the window `where`, found again from a larger shape where much less of the object is seen than
@@ -186,16 +186,6 @@ class MaskFollower:
         if self._plate is None or self._contrast is None or around[0] >= around[2] or around[1] >= around[3]:
             return None
         return against_plate(frame, self._plate, around, self._contrast)
-
-    def _cut_out(
-        self, frame: np.ndarray, carried: np.ndarray, where: Window, band: float, plate: tuple[np.ndarray, np.ndarray] | None
-    ) -> np.ndarray:
-        """`plate`: what `against_plate` says in the window `where`, if a background is known."""
-        crop = cut(frame, where)
-        colors = self._other.colors.odds(crop)
-        other = self._other.over(where) & (colors < 0.0) & ~carried
-        odds = weighed(against_shape(carried, band), plate, colors, other)
-        return tidy(cut_out(odds, crop, float(carried.sum())), carried)
 
     def _remember(
         self, frame: np.ndarray, gray: np.ndarray, shift: np.ndarray, carried: np.ndarray, found: np.ndarray, where: Window

@@ -9,7 +9,7 @@ from ...errors import ObjectError, UsageError
 from ...progress import Progress
 from .background import Plate
 from .cutting import LEAST_PIXELS, enclosed, grab_cut, tidy
-from .evidence import OUTSIDE, Colors, Contrast, against_plate, against_shape, band_of, cut_out, weighed
+from .evidence import SURE, Colors, Contrast, against_plate, against_shape, band_of, cut_out, weighed
 from .motion import cut, paste, window_of, within
 from .moving.in_box import MOVES, NEARBY, Moving, left
 
@@ -114,7 +114,7 @@ def refined(
     """The object in `frame` (H, W, 3), frame 0, found again with the background known, within `allowed` (H, W) bool.
 
     `mask` (H, W) bool: where it was found before; `motion` (h, w): `moving_odds` in the window of `allowed` and NEARBY pixels
-    round it, as far as the frame goes; `other` (H, W) bool: see `veil.beyond_box`.
+    round it, as far as the frame goes; `other` (H, W) bool: see `others.beyond_box`.
     """
     band = band_of(float(mask.sum()))
     window = within(window_of(allowed, NEARBY), frame)
@@ -127,8 +127,9 @@ def refined(
     expected = np.where(enclosed(shape), np.maximum(expected, 0.0), expected)
     apart = cut(other, window, cv2.BORDER_CONSTANT)
     odds = weighed(0.5 * expected, (odds, known), colors, apart & ~(known & (odds < 0.0)), 0.5 * motion)
-    odds[~cut(allowed, window, cv2.BORDER_CONSTANT)] = OUTSIDE
-    found = tidy(cut_out(odds, crop, float(shape.sum())), shape)
+    inside = cut(allowed, window, cv2.BORDER_CONSTANT)
+    odds[~inside] = -2.0 * SURE
+    found = tidy(cut_out(odds, crop, float(shape.sum())) & inside, shape)
     better = np.zeros_like(mask)
     paste(better, found, window)
     return better if better.sum() >= max(LEAST_PIXELS, 0.3 * mask.sum()) else mask
