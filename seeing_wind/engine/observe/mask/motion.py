@@ -62,10 +62,8 @@ def passed(masks: Masks, margin: int) -> Window:
     return int(x0), int(y0), int(x1), int(y1)
 
 
-def joined(window: Window, other: Window | None) -> Window:
-    """The smallest window that holds `window` and `other`, if there is one."""
-    if other is None:
-        return window
+def joined(window: Window, other: Window) -> Window:
+    """The smallest window that holds both."""
     (x0, y0, x1, y1), (a0, b0, a1, b1) = window, other
     return min(x0, a0), min(y0, b0), max(x1, a1), max(y1, b1)
 
