@@ -18,7 +18,6 @@ from .clip.stored import Frames
 from .mask.background import Plate
 from .mask.evidence import Contrast
 from .mask.follow import MaskFollower
-from .mask.motion import Flows
 from .mask.through import Follower, followed
 from .networks import Outlined, network_masks, network_tracks
 from .tracks.centroid import centroid_track
@@ -55,7 +54,6 @@ def follow(
     outlines: Masks | None,
     plate: Plate | None,
     contrast: Contrast | None,
-    flows: Flows | None,
     other: np.ndarray | None,
     lens: Lens,
     settings: ObserveSettings,
@@ -64,8 +62,8 @@ def follow(
 ) -> tuple[Masks, Tracks]:
     """Masks (T+1, H, W) and tracks, in one pass over the clip, or two where the body's silhouette has to serve as a track.
 
-    `outlines` (T+1, H, W), where they are known already, are the masks; `mask` (H, W) bool is that of frame 0 in any case. `flows`: how
-    the object moves, as far as that is known; `other` (H, W) bool: another thing that moves along, see `veil.beyond_box`.
+    `outlines` (T+1, H, W), where they are known already, are the masks; `mask` (H, W) bool is that of frame 0 in any case. `other`
+    (H, W) bool: another thing that moves along, see `others.beyond_box`.
     """
     frames = clip.frames
     given: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
@@ -82,9 +80,9 @@ def follow(
         outlines = journal.once("masks", Masks, lambda: network_masks(settings.mask_model or "", frames, mask, progress.part(0.1, 0.7)))
     follower: Follower
     if outlines is None:
-        follower = MaskFollower(frames[0], mask, plate, progress, contrast, trim=True, known=flows, other=other)
+        follower = MaskFollower(frames[0], mask, plate, progress, contrast, trim=True, other=other)
     else:
-        follower = Outlined(frames[0], outlines, flows)
+        follower = Outlined(frames[0], outlines)
     masks = followed(frames.__getitem__, len(frames), follower, progress.part(0.3, 0.9), journal.loop("follow"), points)
     _tell_lost(areas(masks) > 0, progress)
     if given is not None:

@@ -21,7 +21,7 @@ from .mask.background import Plate
 from .mask.cutting import LEAST_PIXELS
 from .mask.first_mask import first_mask, point_list
 from .mask.from_box import mask_in_box
-from .mask.motion import Flow, Flows, FlowSolver, middle_of, window_of
+from .mask.motion import Flow, FlowSolver, middle_of, window_of
 from .mask.moving.in_box import Moving
 from .tracks.tracker import find_corners
 
@@ -115,9 +115,9 @@ def network_masks(name: str, frames: Frames, mask: np.ndarray, progress: Progres
 class Outlined:
     """Follows an object whose `masks` (T+1, H, W) are known already (see `mask.through.Follower`): seeks the flow between them."""
 
-    def __init__(self, frame: np.ndarray, masks: Masks, known: Flows | None) -> None:
-        """`frame` (H, W, 3) uint8 RGB: number 0; `known`: motion that was found before."""
-        self._solver, self._masks, self._known, self._count = FlowSolver(rough=True), masks, known, 0
+    def __init__(self, frame: np.ndarray, masks: Masks) -> None:
+        """`frame` (H, W, 3) uint8 RGB: number 0."""
+        self._solver, self._masks, self._count = FlowSolver(rough=True), masks, 0
         self._gray = cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY)
         self.mask = masks[0]
         self.flow: Flow | None = None
@@ -128,10 +128,8 @@ class Outlined:
         self._count += 1
         self.mask, self.flow = self._masks[self._count], None
         if before.any() and self.mask.any():
-            self.flow = None if self._known is None else self._known.covering(self._count - 1, window_of(before, 0))
-            if self.flow is None:
-                shift = middle_of(self.mask) - middle_of(before)
-                self.flow = self._solver.between(self._gray, gray, window_of(before, 24), shift)
+            shift = middle_of(self.mask) - middle_of(before)
+            self.flow = self._solver.between(self._gray, gray, window_of(before, 24), shift)
         self._gray = gray
         return self.mask
 

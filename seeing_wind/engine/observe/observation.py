@@ -31,7 +31,7 @@ from .mask.corrected import Marks, carried_to_first, marks_of, with_corrections
 from .mask.cutting import LEAST_PIXELS
 from .mask.first_mask import point_list, read_mask
 from .mask.from_box import box_round
-from .mask.moving.in_box import moving_from
+from .mask.moving.in_box import hardly_moves, moving_from
 from .networks import check_networks, first_depth, first_outline
 from .working_size import WorkingSize, working_scale
 
@@ -103,26 +103,26 @@ def _seen(clip: Clip, settings: ObserveSettings, progress: Progress, journal: Jo
         around = _marked_area(settings, height, width)
     boxed = around if settings.box is not None else np.zeros_like(around)
     moving = None if plate is None else moving_from(clip.frames, boxed, plate, progress)
+    if plate is not None and moving is not None and boxed.any():
+        doubts += [one for one in (hardly_moves(clip.frames[0], boxed, plate, moving),) if one is not None]
     unaided = first_outline(settings, clip.frames, plate, moving, lens, progress)
     mask = shown.get(0, unaided)
     progress.update(0.1, "following the object")
-    contrast, flows, other = None, None, None
+    contrast, other = None, None
     if plate is not None and moving is not None:
         behind = plate
-        unaided, plate, contrast, flows, other = with_background(
-            clip.frames, unaided, behind, moving, settings, around, progress, journal
-        )
+        unaided, plate, contrast, other = with_background(clip.frames, unaided, behind, moving, settings, around, progress, journal)
         mask = unaided
         if 0 in shown:
             # What is behind the object, and how it differs from that, is learnt once more where the user has drawn it.
             drawn = replace(settings, box=None)
-            mask, plate, contrast, flows, _ = with_background(clip.frames, shown[0], behind, moving, drawn, shown[0], progress, journal)
-    outlines = with_corrections(clip.frames, mask, unaided, shown, marks, plate, contrast, flows, other, progress, journal)
+            mask, plate, contrast, _ = with_background(clip.frames, shown[0], behind, moving, drawn, shown[0], progress, journal)
+    outlines = with_corrections(clip.frames, mask, unaided, shown, marks, plate, contrast, other, progress, journal)
     mask = mask if outlines is None else outlines[0]
     pin = _pin(settings.pin, mask, lens)
     depth = object_depth(_depth_map(known_depth, mask, distance, lens, settings), depth_name, mask, distance, progress)
     _tell_huge(mask, depth, camera, progress)
-    masks, tracks = follow(clip, mask, outlines, plate, contrast, flows, other, lens, settings, progress, journal)
+    masks, tracks = follow(clip, mask, outlines, plate, contrast, other, lens, settings, progress, journal)
     bare = beside.submit(clean_plate, clip.frames, masks, median, progress)
     tell_defects(clip.frames, masks, progress)
     doubts += [] if asked is None else asked.result()

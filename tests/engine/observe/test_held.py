@@ -10,7 +10,7 @@ from scenes import noise, write_video
 
 from seeing_wind.engine.observe import observe
 from seeing_wind.engine.observe.mask.motion import Flow
-from seeing_wind.engine.observe.mask.moving.others import Along, Beside
+from seeing_wind.engine.observe.mask.moving.others import Other
 from seeing_wind.engine.progress import NoProgress
 from seeing_wind.engine.settings import ObserveSettings
 
@@ -51,24 +51,36 @@ def test_the_arm_that_holds_a_thing_is_not_the_thing(tmp_path: Path) -> None:
 
 
 def test_what_moves_along_is_carried_by_the_flow_and_gives_way_to_the_object() -> None:
-    arm = (ROWS > 100) & (ROWS < 120) & (COLUMNS > 60)
-    along = Along(arm)
+    frame, nothing = np.full((HEIGHT, WIDTH, 3), 90, np.uint8), np.zeros((HEIGHT, WIDTH), bool)
+    held, arm = (ROWS > 100) & (ROWS < 120) & (COLUMNS > 30) & (COLUMNS <= 60), (ROWS > 100) & (ROWS < 120) & (COLUMNS > 60)
+    other = Other(frame, held, arm)
     everywhere, flow = (0, 0, WIDTH, HEIGHT), Flow(0, 0, np.full((HEIGHT, WIDTH, 2), (5.0, -3.0), np.float32))
-    along.move(flow, everywhere)
+    other.move(frame, flow, np.array([5.0, -3.0]), everywhere)
     moved = (ROWS > 97) & (ROWS < 117) & (COLUMNS > 65)
-    assert np.array_equal(along.over(everywhere)[4:-4, 4:-4], moved[4:-4, 4:-4])
+    assert np.array_equal(other.over(everywhere)[4:-4, 4:-4], moved[4:-4, 4:-4])
     thing, wall = moved & (COLUMNS < 90), moved & (COLUMNS > 200)
-    again = Along(None)
-    again.resume(along.state())
-    again.keep(np.zeros_like(arm), wall, thing, everywhere)
+    again = Other(frame, held, None)
+    again.resume(other.state())
+    again.keep(nothing, wall, nothing, thing, thing, everywhere)
     assert np.array_equal(again.over(everywhere)[4:-4, 4:-4], (moved & ~thing & ~wall)[4:-4, 4:-4])
 
 
-def test_another_thing_beside_the_object_is_no_more_than_what_differs() -> None:
+def test_what_moves_otherwise_beside_the_object_is_another_thing_and_no_more_than_that() -> None:
     """Of an object 21 px in size the thickness asked for would be even, which shifts what is opened."""
     thing = (np.abs(ROWS - 100) < 11) & (np.abs(COLUMNS - 100) < 11)
     assert int(0.3 * np.sqrt(thing.sum())) % 2 == 0
-    other = (np.abs(ROWS - 100) < 12) & (COLUMNS > 130) & (COLUMNS < 160)
-    beside = Beside()
-    beside.keep(thing | other, thing, (0, 0, WIDTH, HEIGHT))
-    assert np.array_equal(beside.over((0, 0, WIDTH, HEIGHT)), other)
+    beside = (np.abs(ROWS - 100) < 12) & (COLUMNS > 130) & (COLUMNS < 160)
+    frame, nothing, everywhere = np.full((HEIGHT, WIDTH, 3), 90, np.uint8), np.zeros_like(thing), (0, 0, WIDTH, HEIGHT)
+    frame[thing], frame[beside] = (230, 200, 40), (220, 160, 140)
+    flow = Flow(0, 0, np.full((HEIGHT, WIDTH, 2), (3.0, 0.0), np.float32))
+    for motion, known in ((0.2, True), (3.0, False)):
+        other = Other(frame, thing, None)
+        other.keep(thing | beside, nothing, nothing, thing, thing, everywhere)
+        assert not other.any(), "it may be the object's own"
+        other.move(np.roll(frame, 3, axis=1), flow, np.array([motion, 0.0]), everywhere)
+        assert np.array_equal(other.over(everywhere), np.roll(beside, 3, axis=1) & known)
+        odds = other.colors.odds(frame)
+        assert odds[thing].min() > 0.0 > odds[beside].max(), "its colours are the surroundings'"
+        again = Other(frame, thing, None)
+        again.resume(other.state())
+        assert np.array_equal(again.colors.odds(frame), odds), "an interrupted run goes on alike"

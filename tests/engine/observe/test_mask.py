@@ -7,7 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from scenes import HEIGHT, WIDTH, Scene, ball_scene, moving_body, noise, painted_scene, write_video
+from scenes import HEIGHT, WIDTH, Scene, moving_body, noise, painted_scene, write_video
 
 from seeing_wind.engine.command.arguments import parser
 from seeing_wind.engine.errors import ObjectError, UsageError
@@ -62,30 +62,6 @@ def test_a_highlight_like_the_background_is_not_lost(tmp_path: Path) -> None:
     seen = observe(scene.path, ObserveSettings(mask=str(tmp_path / "mask.png"), distance=1.0), NoProgress())
     assert overlap(seen.masks, scene.masks).min() > 0.8
     assert np.abs(np.stack([np.argwhere(mask).mean(axis=0)[::-1] for mask in seen.masks]) - scene.centers).max() < 3.0
-
-
-def test_a_box_that_cuts_a_small_thing(tmp_path: Path) -> None:
-    ball = ball_scene(tmp_path)
-    x0, y0, x1, y1 = ball.box
-    warned = Warned()
-    seen = observe(ball.path, ObserveSettings(box=(0.6 * x0 + 0.4 * x1, y0 - 3.0, x1 + 9.0, y1 + 9.0), distance=1.0), warned)
-    assert any("cuts through" in message for message in warned.messages)
-    assert np.abs(seen.xy[0, 0] - ball.centers[0]).max() < 0.2
-    quiet = Warned()
-    whole = observe(ball.path, ObserveSettings(box=(x0 - 3.0, y0 - 3.0, x1 + 9.0, y1 + 9.0), distance=1.0), quiet)
-    assert overlap(seen.masks[:1], whole.masks[:1])[0] > 0.95
-    assert not any("cuts through" in message for message in quiet.messages)
-
-
-class Warned(NoProgress):
-    """Keeps the warnings."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.messages: list[str] = []
-
-    def warn(self, message: str) -> None:
-        self.messages.append(message)
 
 
 def test_points_on_what_moves(disc: Scene) -> None:

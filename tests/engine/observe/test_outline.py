@@ -12,9 +12,11 @@ from scenes import noise, write_video
 from seeing_wind.engine.masks import Masks
 from seeing_wind.engine.observe import observe
 from seeing_wind.engine.observe.mask.background import Plate, plate_behind
+from seeing_wind.engine.observe.mask.carried import Carried
 from seeing_wind.engine.observe.mask.cutting import tidy
-from seeing_wind.engine.observe.mask.evidence import Contrast, against_plate, against_shape, cut_out
+from seeing_wind.engine.observe.mask.evidence import Contrast, against_plate, against_shape, cut_out, weighed
 from seeing_wind.engine.observe.mask.follow import MaskFollower
+from seeing_wind.engine.observe.mask.motion import Flow
 from seeing_wind.engine.observe.mask.moving.in_box import moving_in
 from seeing_wind.engine.observe.mask.moving.soon import moving_odds
 from seeing_wind.engine.observe.mask.rim import trimmed
@@ -65,6 +67,19 @@ def test_what_stands_still_in_a_loose_box_is_background(tmp_path: Path) -> None:
     loose = box_of(masks[0], 25.0)
     first = np.asarray(observe(path, ObserveSettings(box=loose, distance=1.0), NoProgress()).masks[0])
     assert (first & ~masks[0]).sum() < 0.1 * masks[0].sum()
+
+
+def test_a_box_in_which_nothing_moves_is_told(tmp_path: Path) -> None:
+    rng = np.random.default_rng(4)
+    wall = noise(rng, (HEIGHT, WIDTH), (120, 112, 100), (170, 160, 142), 3.0)
+    rows, columns = np.mgrid[:HEIGHT, :WIDTH]
+    still = (np.abs(columns - 180) < 20) & (np.abs(rows - 50) < 15)
+    moves = [np.hypot(columns - 60 - 4 * t, rows - 130) < 20 for t in range(12)]
+    frames = [np.where((still | one)[..., None], (190.0, 40.0, 30.0), wall) + rng.normal(0, 1.5, wall.shape) for one in moves]
+    write_video(tmp_path / "clip.avi", [np.clip(one, 0, 255).astype(np.uint8) for one in frames], 30.0)
+    for thing, told in ((moves[0], False), (still, True)):
+        seen = observe(tmp_path / "clip.avi", ObserveSettings(box=box_of(thing), distance=1.0), NoProgress())
+        assert any("Next to nothing in the box" in one.because for one in seen.doubts) == told
 
 
 def test_the_background_in_a_ring_s_hole_is_not_the_ring(tmp_path: Path) -> None:
@@ -207,6 +222,28 @@ def test_motion_in_a_window_is_found_once() -> None:
     moving = moving_in(frames, 2.0)
     assert moving((5, 5, 50, 50)) is moving((5, 5, 50, 50))
     assert np.array_equal(moving((5, 5, 50, 50)), moving_odds(frames, (5, 5, 50, 50), 2.0))
+
+
+def test_what_is_carried_goes_on_where_an_interrupted_run_left_it() -> None:
+    part, everywhere = np.zeros((60, 80), bool), (0, 0, 80, 60)
+    part[20:31, 10:25] = True
+    one, other = Carried("part", part), Carried("part")
+    one.shift(np.array([0.4, -2.0]))
+    other.resume(one.state())
+    for each in (one, other):
+        each.shift(np.array([0.4, 0.0]))  # with what was left of the former
+        assert np.array_equal(each.over(everywhere), np.roll(part, (-2, 1), (0, 1)))
+        each.flow(Flow(0, 0, np.full((60, 80, 2), (5.0, 3.0), np.float32)))
+        assert np.array_equal(each.over(everywhere), np.roll(part, (1, 6), (0, 1))), "its border stays where it is"
+
+
+def test_beside_another_thing_colours_tell_what_is_no_background() -> None:
+    nothing, colors = np.zeros((20, 20), bool), np.where(np.arange(20) < 10, 1.0, -1.0) * np.ones((20, 1))
+    seen, other = (np.full((20, 20), 3.0), ~nothing), nothing.copy()
+    assert (weighed(np.zeros((20, 20)), seen, colors, nothing) > 0.0).all(), "it is no background"
+    other[:, 16:] = True
+    odds = weighed(np.zeros((20, 20)), seen, colors, other, 2.0)
+    assert (odds[:, :10] > 0.0).all() and (odds[:, 12:] < 0.0).all(), "nor does motion tell the two apart there"
 
 
 def test_evidence_is_cut_along_the_edges_of_the_frame() -> None:

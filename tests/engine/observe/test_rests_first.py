@@ -11,7 +11,6 @@ from scenes import noise, write_video
 
 from seeing_wind.engine.observe import observe
 from seeing_wind.engine.observe.mask.moving.later import moved_later, unlike
-from seeing_wind.engine.observe.mask.moving.others import Along, Arrives, Beside
 from seeing_wind.engine.progress import NoProgress
 from seeing_wind.engine.settings import ObserveSettings
 
@@ -73,21 +72,3 @@ def test_a_shade_makes_no_difference_but_another_pattern_does() -> None:
     one, other = (noise(rng, (60, 80), (60, 60, 60), (200, 200, 200), 2.0).astype(np.uint8) for _ in range(2))
     assert np.median(unlike((0.6 * one).astype(np.uint8), one)) < 3.0
     assert np.median(unlike(other, one)) > 15.0
-
-
-def test_what_comes_up_to_a_thing_at_rest_is_known_by_that_and_by_its_colours() -> None:
-    frame = np.full((60, 100, 3), 40, np.uint8)
-    frame[20:40, 20:40], frame[15:45, 45:95] = (230, 200, 40), (220, 160, 140)
-    thing, hand = (frame == (230, 200, 40)).all(axis=2), (frame == (220, 160, 140)).all(axis=2)
-    beside, along = Beside(), Along(None)
-    arrives = Arrives(frame[thing], frame[~thing & ~hand])
-    assert arrives.meet(frame, np.zeros(2), beside, along) is None and not along.any(), "nothing has come"
-    beside.keep(hand, thing, (0, 0, 100, 60))
-    colors = arrives.meet(frame, np.array([0.2, 0.1]), beside, along)
-    assert colors is not None and np.array_equal(along.over((0, 0, 100, 60)), hand)
-    odds = colors.odds(frame)
-    assert odds[thing].min() > 0.0 > odds[hand].max()
-    again = Arrives(frame[thing], frame[~thing & ~hand])
-    known = again.resume(arrives.state())
-    assert known is not None and np.array_equal(known.odds(frame), odds), "an interrupted run goes on alike"
-    assert arrives.meet(frame, np.array([3.0, 0.0]), beside, along) is None, "it moves, and what moves beside it may be its own"

@@ -10,14 +10,12 @@ import numpy as np
 import pytest
 from scenes import noise, write_video
 
-from seeing_wind.engine.masks import Masks
 from seeing_wind.engine.materials import LIMITS, find
 from seeing_wind.engine.mpm.model_for import model_for
 from seeing_wind.engine.mpm.rollout import rollout
 from seeing_wind.engine.mpm.state import State
 from seeing_wind.engine.observe import observe
-from seeing_wind.engine.observe.mask.background import Plate, median_plate
-from seeing_wind.engine.observe.mask.by_turns import stays
+from seeing_wind.engine.observe.mask.background import median_plate
 from seeing_wind.engine.observe.mask.evidence import against_shape
 from seeing_wind.engine.observe.object.shape.on_stem import too_fine, widening
 from seeing_wind.engine.observe.object.shape.particles import fill
@@ -104,17 +102,6 @@ def test_grain_is_measured_as_it_is_compared() -> None:
     grain = np.clip(120.0 + rng.normal(0.0, GRAIN, (15, 60, 60, 3)), 0, 255).astype(np.uint8)
     plate = median_plate(grain, NoProgress())
     assert plate.reliable.mean() > 0.9 and plate.noise < 0.6 * GRAIN
-
-
-def test_a_foot_that_later_frames_show_is_found_where_frame_0_looks_the_same() -> None:
-    foot, other = np.zeros((30, 30), bool), np.zeros((30, 30), bool)
-    foot[10:20, 5:10] = other[10:20, 20:25] = True
-    median = Plate(np.full((30, 30, 3), 120, np.uint8), np.ones((30, 30), bool), 2.0)
-    first = median.color.copy()
-    first[other] = 60
-    found = stays(first, Masks.of([np.zeros_like(foot)] + 9 * [foot | other]), median)
-    assert found[12:18, 6:9].all() and not found[~foot].any(), "what frame 0 shows otherwise was elsewhere then"
-    assert not stays(first, Masks.of(5 * [np.zeros_like(foot)] + 5 * [foot | other]), median).any()
 
 
 def test_a_silhouette_at_the_edge_of_the_window_goes_on_there() -> None:

@@ -246,7 +246,7 @@ def test_a_pattern_that_fades_hands_over_to_the_silhouette(tmp_path: Path) -> No
     assert np.linalg.norm(seen.xy[12:, -1] - scene.centers[12:], axis=1).max() < 4.0
 
 
-@pytest.mark.parametrize(("glitter", "on_centroid"), [(0.3, False), (0.56, True)])
+@pytest.mark.parametrize(("glitter", "on_centroid"), [(0.3, False), (0.6, True)])
 def test_corners_that_only_flicker_give_way_to_the_silhouette(tmp_path: Path, glitter: float, on_centroid: bool) -> None:
     """A part `glitter` of the body looks anew in every frame; enough corners are followed in each, but of the larger part none for long."""
     t = np.arange(24)

@@ -18,7 +18,7 @@ from .evidence import RIM, Contrast
 from .first_mask import SEED
 from .follow import MaskFollower
 from .from_box import FEW
-from .motion import Flows, FlowSolver, cut, middle_of, paste, window_of, within
+from .motion import FlowSolver, cut, middle_of, paste, window_of, within
 from .through import followed
 
 LOCAL = 0.6
@@ -173,12 +173,8 @@ def carried_to_first(frames: Frames, shown: dict[int, np.ndarray], plate: Plate 
         ObjectError: it is lost on the way.
     """
     start = min(shown)
-    mask = shown[start]
-    follower = MaskFollower(frames[start], mask, plate, progress, trim=True)
-    for t in range(start - 1, -1, -1):
-        progress.check()
-        frame = frames[t]
-        mask = follower.finished(frame, follower.advance(frame))
+    follower = MaskFollower(frames[start], shown[start], plate, progress, trim=True)
+    mask = followed(lambda t: frames[start - t], start + 1, follower, progress.part(0.08, 0.1), Journal().loop("back"))[start]
     if not mask.any():
         raise ObjectError(
             f"The object is marked in frame {start} and cannot be followed back to the first one.",
@@ -277,7 +273,6 @@ def with_corrections(
     marks: dict[int, Marks],
     plate: Plate | None,
     contrast: Contrast | None,
-    flows: Flows | None,
     other: np.ndarray | None,
     progress: Progress,
     journal: Journal,
@@ -286,12 +281,11 @@ def with_corrections(
 
     Args:
         unaided: (H, W) bool, what was found in frame 0 without what the user showed there: it tells what goes wrong.
-        shown: outlines (H, W) bool by frame; marks: by frame; flows: how it moves, as far as that is known; other: another
-            thing (H, W) bool that moves along.
+        shown: outlines (H, W) bool by frame; marks: by frame; other: another thing (H, W) bool that moves along.
     """
     if not shown and not marks:
         return None
-    follower = MaskFollower(frames[0], mask, plate, progress, contrast, trim=True, known=flows, other=other)
+    follower = MaskFollower(frames[0], mask, plate, progress, contrast, trim=True, other=other)
     found = followed(frames.__getitem__, len(frames), follower, progress.part(0.2, 0.3), journal.loop("follow to correct"))
     found = Masks.of(found[t] if t else unaided for t in range(len(found)))
     marked = {t: with_marks(frames[t], shown.get(t, found[t]), each, progress) for t, each in marks.items()}

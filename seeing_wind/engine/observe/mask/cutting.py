@@ -88,3 +88,11 @@ def enclosed(mask: np.ndarray) -> np.ndarray:
         cv2.fillConvexPoly(filled, cv2.convexHull(np.concatenate(outlines)), 1)
     hull: np.ndarray = filled > 0
     return hull if np.count_nonzero(mask) >= FULL * np.count_nonzero(hull) else mask > 0
+
+
+def hanging_on(parts: np.ndarray, seeds: np.ndarray) -> np.ndarray:
+    """The `seeds` (h, w) bool with what hangs together with them of the `parts` (h, w) bool."""
+    count, labels = cv2.connectedComponents((parts | seeds).astype(np.uint8), connectivity=4)
+    touching = np.bincount(labels[seeds], minlength=count) > 0
+    touching[0] = False
+    return touching[labels]

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from .background import Plate
-from .cutting import enclosed
+from .cutting import enclosed, grown
 from .motion import Window, cut, window_of
 from .rim import core
 
@@ -28,8 +28,12 @@ SMALL = 400
 APART = 4.0
 """Log odds against another thing beside the object."""
 
-OUTSIDE = -50.0
-"""Log odds of what is certainly not the object."""
+CARRIED, CARRIED_BLIND = 2.0, 1.2
+"""Most log odds for an expected silhouette, where the background is known and where only colours speak, which are less sure: what is wrong
+in it goes away again."""
+
+BESIDE_PLATE = 0.45
+"""Weight of colours where the background is known."""
 
 STAYS = 0.7
 """Log odds at its very border for a silhouette that was carried on: what says little does not wear it away."""
@@ -199,6 +203,27 @@ def against_shape(shape: np.ndarray, band: float) -> np.ndarray:
     return np.clip(odds, -SURE - 1.0, SURE)
 
 
+def weighed(
+    expected: np.ndarray,
+    seen: tuple[np.ndarray, np.ndarray] | None,
+    colors: np.ndarray,
+    other: np.ndarray,
+    motion: np.ndarray | float = 0.0,
+) -> np.ndarray:
+    """Log odds (h, w) by all evidence: that of an `expected` silhouette, what `against_plate` has `seen` if a background is known, that of
+    `colors` and of `motion`, (h, w) each, and `other` (h, w) bool, another thing.
+
+    Where the background is known, it says more than colours and motion do. But it does not tell the object from another thing beside it.
+    """
+    if seen is None:
+        return np.minimum(expected, CARRIED_BLIND) + colors
+    behind, known = seen
+    beside = grown(other)
+    known = known & ~((behind > 0.0) & beside)
+    there = np.minimum(expected, CARRIED) + behind + BESIDE_PLATE * colors
+    return np.where(known, there, np.minimum(expected, CARRIED_BLIND) + colors + motion * ~beside) - APART * other
+
+
 def band_of(area: float) -> float:
     """Pixels by which a silhouette of `area` [px] may be off when it was carried from one frame to the next."""
     return float(np.clip(0.06 * np.sqrt(area), 2.0, 9.0))
@@ -217,4 +242,4 @@ def cut_out(odds: np.ndarray, frame: np.ndarray, area: float) -> np.ndarray:
 
     middle, level = mean(guide), mean(values)
     slope = (mean(guide * values) - middle * level) / (mean(guide * guide) - middle**2 + NO_EDGE**2)
-    return (mean(slope) * guide + mean(level - slope * middle) > 0.0) & (odds > OUTSIDE / 2)
+    return mean(slope) * guide + mean(level - slope * middle) > 0.0

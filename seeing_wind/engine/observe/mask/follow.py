@@ -7,31 +7,24 @@ import numpy as np
 
 from ...progress import Progress
 from .background import Plate
-from .cutting import LEAST_PIXELS, grown, tidy
-from .evidence import APART, SMALL, Colors, Contrast, against_plate, against_shape, band_of, cut_out
-from .motion import Flow, Flows, FlowSolver, Window, body_shift, cut, joined, middle_of, paste, placed, window_of, within
-from .moving.others import Along, Arrives, Beside
+from .carried import Carried
+from .cutting import LEAST_PIXELS, hanging_on, tidy
+from .evidence import SMALL, Contrast, against_plate, against_shape, band_of, cut_out, weighed
+from .motion import Flow, FlowSolver, Window, body_shift, cut, middle_of, paste, placed, window_of, within
+from .moving.others import Other
 from .rim import cut_back
-from .veil import Veil, adjoining, out_again
 
 LOST = 0.3
 """A mask smaller than this part of what was expected means hidden or gone, and the shape seen last is kept for the search."""
 
-PARTLY = 0.75
-"""A small object's mask below this part of its usual size is partly hidden: shape, colours and velocity of the last full sight are kept."""
-
-CARRIED, CARRIED_BLIND = 2.0, 1.2
-"""Most log odds for the silhouette that was carried on, where the background is known and where only colours speak, which are less sure:
-what is wrong in it goes away again."""
-
-WHOLE, SURELY = 0.8, 2.0
+WHOLE, SURELY = 0.9, 2.0
 """Part of the object's largest silhouette below which the rest of it is looked for, and its least log odds against the background."""
+
+THICK = 5
+"""Pixels across of what comes back, at least: less is a rim that was carried on too far."""
 
 FILTERS = 8
 """Pixels that filters reach beyond what they are asked for."""
-
-BESIDE_PLATE = 0.3
-"""Weight of colours where the background is known."""
 
 
 class MaskFollower:
@@ -54,33 +47,25 @@ class MaskFollower:
         progress: Progress,
         contrast: Contrast | None = None,
         trim: bool = False,
-        known: Flows | None = None,
-        kept: Flows | None = None,
         other: np.ndarray | None = None,
     ) -> None:
         """`frame` (H, W, 3) uint8 RGB and `mask` (H, W) bool of frame 0; `progress` is asked several times a frame.
 
         `contrast`: how the object differs from the plate; None learns it from frame 0. `trim`: masks end in the middle of a blurred rim.
-        `known`: motion that a former pass found, `kept`: takes what this one finds. `other` (H, W) bool: another thing that may move along.
+        `other` (H, W) bool: another thing that may move along.
         """
-        self._trim, self._known, self._kept = trim, known, kept
+        self._trim = trim
         self._progress = progress
         self._plate = plate
         self._contrast = contrast if contrast is not None or plate is None else Contrast(plate, [(frame, mask)])
         self._solver = FlowSolver(rough=True)
-        near = cv2.dilate(cut(mask, window_of(mask, 24)).astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
-        around = cut(frame, window_of(mask, 24))
-        self._arrives = Arrives(frame[mask], around[~near])
-        self._colors = Colors(frame[mask], around[~near])
         self._gray = cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY)
-        self._shape_window: Window = window_of(mask, 0)
-        self._shape = cut(mask, self._shape_window)
-        self._template = cut(frame, self._shape_window).copy()
+        self._shape, self._whole = Carried("shape", mask), Carried("whole", mask)
+        self._template = cut(frame, self._shape.window).copy()
         self._steps = 0
         self._missed = 0
         self._most = float(mask.sum())
-        self._veil = Veil(mask)
-        self._beside, self._along = Beside(), Along(other)
+        self._other = Other(frame, mask, other)
         self.mask = mask
         self.velocity = np.zeros(2)
         self.hidden = False
@@ -91,26 +76,17 @@ class MaskFollower:
         gray = cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY)
         shift = self._search(frame)
         self._progress.check()
-        window = self._shape_window
+        window = self._shape.window
         side = max(window[2] - window[0], window[3] - window[1])
         margin = int(np.clip(0.25 * side, 12, 80))
         wide = (window[0] - margin, window[1] - margin, window[2] + margin, window[3] + margin)
-        self.flow = None if self.hidden or self._known is None else self._known.covering(self._steps, window)
-        if self.flow is None and not self.hidden:
-            self.flow = self._solver.between(self._gray, gray, wide, shift)
-        if self._kept is not None:
-            self._kept.add(self.flow, wide, shift)
+        self.flow = None if self.hidden else self._solver.between(self._gray, gray, wide, shift)
         self._progress.check()
         motion = self._motion(shift)
-        self._veil.move(motion)
-        self._beside.move(self.flow, motion)
-        self._along.move(self.flow, wide)
-        self._colors = self._arrives.meet(frame, motion, self._beside, self._along) or self._colors
+        self._whole.shift(motion)
+        self._other.move(frame, self.flow, motion, wide)
         carried, where = self._carry(shift, margin)
-        carried, where = self._with_what_is_out_again(frame, carried, where)
-        found, background = self._silhouette(frame, carried, where)
-        found, background, where = self._with_what_grew_back(frame, found, background, where)
-        self._veil.keep(self._moved(motion, where), found, background, where)
+        found, where = self._with_what_comes_back(frame, self._silhouette(frame, carried, where), where)
         self._remember(frame, gray, shift, carried, found, where)
         mask = np.zeros(gray.shape, bool)
         if not self.hidden:
@@ -125,160 +101,91 @@ class MaskFollower:
     def state(self) -> dict[str, np.ndarray]:
         """See `through.Follower.state`."""
         return {
-            "shape": self._shape,
-            "shape_window": np.array(self._shape_window),
             "template": self._template,
             "velocity": self.velocity,
             "counts": np.array([self._steps, self._missed, self.hidden, self._most]),
-        } | self._veil.state() | self._beside.state() | self._along.state() | self._arrives.state() | (
-            self._kept.state() if self._kept is not None else {}
-        )
+        } | self._shape.state() | self._whole.state() | self._other.state()
 
     def resume(self, frame: np.ndarray, mask: np.ndarray, state: dict[str, np.ndarray]) -> None:
         """See `through.Follower.resume`."""
-        x0, y0, x1, y1 = (int(value) for value in state["shape_window"])
         steps, missed, hidden, most = (int(value) for value in state["counts"])
-        self._shape, self._shape_window, self._template = state["shape"], (x0, y0, x1, y1), state["template"]
+        self._template = state["template"]
         self._steps, self._missed, self._most = steps, missed, float(most)
         self.hidden, self.velocity = hidden > 0, state["velocity"]
         self._gray, self.mask, self.flow = cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY), mask, None
-        self._veil.resume(state)
-        self._beside.resume(state)
-        self._along.resume(state)
-        self._colors = self._arrives.resume(state) or self._colors
-        if self._kept is not None:
-            self._kept.resume(state)
-
-    def _changed(self, frame: np.ndarray) -> np.ndarray | None:
-        """Evidence (H, W) float32 in 0..1 that a pixel is not background: 0.5 at five times the noise."""
-        if self._plate is None or self._contrast is None:
-            return None
-        return np.clip(self._plate.difference(frame) / (10.0 * self._plate.noise), 0.0, 1.0)
+        for carried in (self._shape, self._whole, self._other):
+            carried.resume(state)
 
     def _search(self, frame: np.ndarray) -> np.ndarray:
-        size = float(np.sqrt(self._shape.sum()))
+        size = float(np.sqrt(self._shape.part.sum()))
         # Nothing is known of the first step; a small thing may leap several of its own widths, a large one only part of its own.
-        reach = max(24.0, 4.0 * size if self._shape.sum() < SMALL else 0.7 * size) if self._steps == 0 else max(12.0, 0.5 * size)
+        reach = max(24.0, 4.0 * size if size**2 < SMALL else 0.7 * size) if self._steps == 0 else max(12.0, 0.5 * size)
         if self.hidden:
             reach = max(reach, 1.5 * size) * (1 + min(self._missed, 4))
-        origin = (self._shape_window[0], self._shape_window[1])
-        # A plate that holds only part of the object's path as clean would pull towards that part.
-        clean = self._plate is not None and cut(self._plate.reliable, self._shape_window).mean() > 0.9
-        changed = self._changed(frame) if clean else None
-        return body_shift(self._template, self._shape, origin, frame, changed, self.velocity, min(reach, 200.0))
+        return body_shift(self._template, self._shape.part, self._shape.window[:2], frame, self.velocity, min(reach, 200.0))
 
     def _motion(self, shift: np.ndarray) -> np.ndarray:
         """(2,) [px], of the whole object: what it lost or gained on a side moves its middle, too, but not its points."""
-        if self.flow is None or self._shape.sum() < SMALL:
+        if self.flow is None or self._shape.part.sum() < SMALL:
             return self.velocity if self.hidden else shift
-        return np.median(self.flow.over(self._shape_window)[self._shape], axis=0).astype(np.float64)
-
-    def _moved(self, motion: np.ndarray, where: Window) -> np.ndarray:
-        """The last silhouette (h, w) bool in the window `where`, moved by `motion` (2,) [px] as a whole: near what hides a part of it, the
-        flow is that of what stands still."""
-        (dx, dy), (x0, y0, x1, y1) = (int(value) for value in np.round(motion)), self._shape_window
-        return placed(self._shape, (x0 + dx, y0 + dy, x1 + dx, y1 + dy), where)
-
-    def _with_what_is_out_again(self, frame: np.ndarray, carried: np.ndarray, where: Window) -> tuple[np.ndarray, Window]:
-        """The carried silhouette with what was hidden and now looks like the object, in a window that holds both."""
-        if self._veil.window is None:
-            return carried, where
-        around = within(self._veil.window, frame)
-        seen = self._against_plate(frame, around)
-        if seen is None:
-            return carried, where
-        behind, known = seen
-        alike = known & (behind > 0.0) & (self._colors.odds(cut(frame, around)) > 0.0)
-        again = out_again(self._veil.over(around) & alike, placed(carried, where, around), band_of(float(carried.sum())))
-        if not again.any():
-            return carried, where
-        x0, y0, x1, y1 = window_of(again, FILTERS)
-        both = joined(where, (x0 + around[0], y0 + around[1], x1 + around[0], y1 + around[1]))
-        return placed(carried, where, both) | placed(again, around, both), both
+        return np.median(self.flow.over(self._shape.window)[self._shape.part], axis=0).astype(np.float64)
 
     def _carry(self, shift: np.ndarray, margin: int) -> tuple[np.ndarray, Window]:
         """The last silhouette moved by the flow (or the shift), in a window round its new place."""
-        dx, dy = (int(value) for value in np.round(shift))
-        x0, y0, x1, y1 = self._shape_window
+        (x0, y0, x1, y1), (dx, dy) = self._shape.window, (int(value) for value in np.round(shift))
         where = (x0 + dx - margin, y0 + dy - margin, x1 + dx + margin, y1 + dy + margin)
-        carried = np.zeros((where[3] - where[1], where[2] - where[0]), np.uint8)
-        if self.flow is None or self._shape.sum() < SMALL:
-            return self._moved(shift, where), where
-        (rows, columns), motion = np.nonzero(self._shape), self.flow.over(self._shape_window)[self._shape]
-        column = np.rint(motion[:, 0]).astype(np.int64) + columns + (x0 - where[0])
-        row = np.rint(motion[:, 1]).astype(np.int64) + rows + (y0 - where[1])
-        inside = (column >= 0) & (row >= 0) & (column < carried.shape[1]) & (row < carried.shape[0])
-        carried[row[inside], column[inside]] = 1
-        # Pixels drift apart where the object grows: close the gaps.
-        carried = cv2.morphologyEx(carried, cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8))
-        return cv2.morphologyEx(carried, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)) > 0, where
+        if self.flow is None or self._shape.part.sum() < SMALL:
+            return placed(self._shape.part, (x0 + dx, y0 + dy, x1 + dx, y1 + dy), where), where
+        moved = Carried("moved")
+        moved.set(self._shape.part, self._shape.window)
+        moved.flow(self.flow)
+        return cv2.morphologyEx(moved.over(where).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)) > 0, where
 
-    def _silhouette(self, frame: np.ndarray, carried: np.ndarray, where: Window) -> tuple[np.ndarray, np.ndarray]:
-        """The object by its `carried` silhouette, and where nothing but the background is seen, (h, w) bool in the window `where`."""
-        found, background = np.zeros((2, *carried.shape), bool)
+    def _silhouette(self, frame: np.ndarray, carried: np.ndarray, where: Window) -> np.ndarray:
+        """The object (h, w) bool by its `carried` silhouette (h, w) bool, both in the window `where`."""
         if not carried.any():
-            return found, background
+            return carried
         band = band_of(float(carried.sum()))
         # Farther away than three bands, no evidence outweighs the silhouette's.
         near = window_of(carried, int(3 * band) + FILTERS)
         around = within((near[0] + where[0], near[1] + where[1], near[2] + where[0], near[3] + where[1]), frame)
-        if around[0] < around[2] and around[1] < around[3]:
-            near = (around[0] - where[0], around[1] - where[1], around[2] - where[0], around[3] - where[1])
-            seen = self._against_plate(frame, around)
-            if seen is not None:
-                paste(background, seen[1] & (seen[0] < 0.0), near)
-            paste(found, self._cut_out(frame, cut(carried, near, cv2.BORDER_CONSTANT), around, band, seen), near)
-            if seen is not None:
-                differs, own = seen[1] & (seen[0] > 0.0), cut(found, near, cv2.BORDER_CONSTANT)
-                self._beside.keep(differs, own, around)
-                if self._along.any():
-                    unlike = self._colors.odds(cut(frame, around)) < 0.0
-                    self._along.keep(differs & unlike, seen[1] & ~differs, own, around)
-        return found, background
+        if around[0] >= around[2] or around[1] >= around[3]:
+            return np.zeros_like(carried)
+        crop, seen, before = cut(frame, around), self._against_plate(frame, around), placed(carried, where, around)
+        colors = self._other.colors.odds(crop)
+        odds = weighed(against_shape(before, band), seen, colors, self._other.over(around) & (colors < 0.0) & ~before)
+        own = tidy(cut_out(odds, crop, float(before.sum())), before)
+        if seen is not None:
+            differs = seen[1] & (seen[0] > 0.0)
+            self._other.keep(differs, seen[1] & ~differs, colors < 0.0, own, own | self._whole.over(around), around)
+        return placed(own, around, where)
 
-    def _with_what_grew_back(
-        self, frame: np.ndarray, found: np.ndarray, background: np.ndarray, where: Window
-    ) -> tuple[np.ndarray, np.ndarray, Window]:
-        """What `_silhouette` gave in the window `where`, found again from a larger shape where much less of the object is seen than once.
+    def _with_what_comes_back(self, frame: np.ndarray, found: np.ndarray, where: Window) -> tuple[np.ndarray, Window]:
+        """What `_silhouette` has `found` in the window `where`, found again from a larger shape where much less of the object is seen than
+        once.
 
-        A silhouette goes astray where a sheet turns edge-on or folds, and what comes out then lies farther away than it can be off.
+        What comes out behind a post, or of a sheet that was edge-on, lies farther away than a silhouette can be off. What surely is no
+        background and has the object's colours there belongs to it where it adjoins it or lies where the whole of it would be.
         """
         self._most = max(self._most, float(found.sum()))
-        if not SMALL < found.sum() < WHOLE * self._most:
-            return found, background, where
-        x0, y0, x1, y1 = window_of(found, int(0.5 * np.sqrt(self._most)))
+        if found.sum() >= WHOLE * self._most:
+            self._whole.set(found, where)
+            return found, where
+        x0, y0, x1, y1 = window_of(found, int(0.5 * np.sqrt(self._most))) if found.any() else (0, 0, *found.shape[::-1])
         wide = within((x0 + where[0], y0 + where[1], x1 + where[0], y1 + where[1]), frame)
         seen = self._against_plate(frame, wide)
         if seen is None:
-            return found, background, where
-        sure = seen[1] & (seen[0] > SURELY) & (self._colors.odds(cut(frame, wide)) > 0.0)
-        again = adjoining(sure, placed(found, where, wide))
-        return (*self._silhouette(frame, again, wide), wide) if again.sum() > found.sum() else (found, background, where)
+            return found, where
+        sure = seen[1] & (seen[0] > SURELY) & (self._other.colors.odds(cut(frame, wide)) > 0.0)
+        sure = cv2.morphologyEx(sure.astype(np.uint8), cv2.MORPH_OPEN, np.ones((THICK, THICK), np.uint8)) > 0
+        again = hanging_on(sure, placed(found, where, wide) | sure & self._whole.over(wide))
+        return (self._silhouette(frame, again, wide), wide) if again.sum() > found.sum() else (found, where)
 
     def _against_plate(self, frame: np.ndarray, around: Window) -> tuple[np.ndarray, np.ndarray] | None:
         """What `against_plate` says in a window; None where no background is known, or in a window without area."""
         if self._plate is None or self._contrast is None or around[0] >= around[2] or around[1] >= around[3]:
             return None
         return against_plate(frame, self._plate, around, self._contrast)
-
-    def _cut_out(
-        self, frame: np.ndarray, carried: np.ndarray, where: Window, band: float, plate: tuple[np.ndarray, np.ndarray] | None
-    ) -> np.ndarray:
-        """`plate`: what `against_plate` says in the window `where`, if a background is known."""
-        crop = cut(frame, where)
-        odds = against_shape(carried, band)
-        colors = self._colors.odds(crop)
-        if plate is None:
-            odds = np.minimum(odds, CARRIED_BLIND) + colors
-        else:
-            behind, known = plate
-            other = self._beside.over(where) | (self._along.over(where) & (colors < 0.0))
-            if other.any():
-                # Beside another thing that moves, what is no background may be either: there colours tell.
-                known = known & ~((behind > 0.0) & grown(other))
-            odds = np.where(known, np.minimum(odds, CARRIED) + behind + BESIDE_PLATE * colors, np.minimum(odds, CARRIED_BLIND) + colors)
-            odds[other & ~carried] -= APART
-        return tidy(cut_out(odds, crop, float(carried.sum())), carried)
 
     def _remember(
         self, frame: np.ndarray, gray: np.ndarray, shift: np.ndarray, carried: np.ndarray, found: np.ndarray, where: Window
@@ -287,14 +194,11 @@ class MaskFollower:
         self.hidden = area < max(LOST * carried.sum(), min(LEAST_PIXELS, 0.5 * carried.sum()))
         self._missed, self._gray = self._missed + 1 if self.hidden else 0, gray
         self._steps += 1
-        if self.hidden or (self._shape.sum() < SMALL and area < PARTLY * self._shape.sum()):
-            # The last full sight moves on: by the velocity when nothing was seen, by the search when something was.
-            x0, y0, x1, y1 = self._shape_window
-            dx, dy = (int(value) for value in np.round(self.velocity if self._steps > 1 else shift))
-            self._shape_window = (x0 + dx, y0 + dy, x1 + dx, y1 + dy)
+        if self.hidden:
+            # The last full sight moves on.
+            self._shape.shift(self.velocity if self._steps > 1 else shift)
             return
-        self.velocity = (middle_of(found) + where[:2]) - (middle_of(self._shape) + self._shape_window[:2])
-        local = window_of(found, 0)
-        self._shape_window = (local[0] + where[0], local[1] + where[1], local[2] + where[0], local[3] + where[1])
-        self._shape = cut(found, local)
-        self._template = cut(frame, self._shape_window).copy()
+        before = middle_of(self._shape.part) + self._shape.window[:2]
+        self._shape.set(found, where)
+        self.velocity = middle_of(self._shape.part) + self._shape.window[:2] - before
+        self._template = cut(frame, self._shape.window).copy()

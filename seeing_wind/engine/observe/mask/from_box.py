@@ -8,23 +8,13 @@ import numpy as np
 from ...errors import ObjectError, UsageError
 from ...progress import Progress
 from .background import Plate
-from .cutting import LEAST_PIXELS, enclosed, grab_cut, grown, tidy
-from .evidence import APART, OUTSIDE, Colors, Contrast, against_plate, against_shape, band_of, cut_out
+from .cutting import LEAST_PIXELS, enclosed, grab_cut, tidy
+from .evidence import SURE, Colors, Contrast, against_plate, against_shape, band_of, cut_out, weighed
 from .motion import cut, paste, window_of, within
 from .moving.in_box import MOVES, NEARBY, Moving, left
 
-CUT_OFF = (0.08, 1.0)
-"""Parts of what a box holds of a small object that may lie outside it: less is its rim, more is something else beside it."""
-
 FEW = 900
 """Pixels below which colours say little of an object, and what differs from a clean background more."""
-
-BLEEDS = 0.5
-"""Weight of motion where an outline is refined and the background is not known: dense flow runs on for some pixels into what lies beside
-a thing that moves. Where the background is known, that says more."""
-
-STILL_PART = -1.4
-"""Least log odds of what does not differ from the background, in a box."""
 
 NEITHER = "Mark the object in the first frame by --box, --points, or --mask with a PNG."
 
@@ -60,8 +50,6 @@ def mask_in_box(
         found = (motion + behind > 0.0) & boxed
     mask = np.zeros(inside.shape, bool)
     paste(mask, tidy(found & boxed), window)
-    if plate is not None and LEAST_PIXELS <= mask.sum() < FEW:
-        mask = _beyond_box(mask, inside, frame, plate, progress)
     if mask.sum() < LEAST_PIXELS:
         raise ObjectError(
             f"Nothing in the box {numbers(box)} stands out from its surroundings.", "Draw the box closer, or give --mask with a PNG."
@@ -126,43 +114,26 @@ def refined(
     """The object in `frame` (H, W, 3), frame 0, found again with the background known, within `allowed` (H, W) bool.
 
     `mask` (H, W) bool: where it was found before; `motion` (h, w): `moving_odds` in the window of `allowed` and NEARBY pixels
-    round it, as far as the frame goes; `other` (H, W) bool: see `veil.beyond_box`.
+    round it, as far as the frame goes; `other` (H, W) bool: see `others.beyond_box`.
     """
     band = band_of(float(mask.sum()))
     window = within(window_of(allowed, NEARBY), frame)
     crop, shape = cut(frame, window), cut(mask, window, cv2.BORDER_CONSTANT)
     near = cv2.dilate(shape.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
     colors = Colors(crop[shape], crop[~near]).odds(crop)
-    odds, known = against_plate(frame, plate, window, contrast or Contrast(plate, [(frame, mask)]), STILL_PART)
+    odds, known = against_plate(frame, plate, window, contrast or Contrast(plate, [(frame, mask)]))
     # What never changes may be a part of the object that is held: its colour can outweigh that, here alone.
     expected = against_shape(shape, band)
     expected = np.where(enclosed(shape), np.maximum(expected, 0.0), expected)
-    # Flow runs on over what is known to be background.
     apart = cut(other, window, cv2.BORDER_CONSTANT) & ~(known & (odds < 0.0))
-    # Beside another thing that moves along, what is no background and moves may be either: there colours tell.
-    either = grown(apart)
-    known &= ~(either & (odds > 0.0))
-    odds = np.where(known, odds + 0.6 * colors, colors + np.where(motion > 0.0, np.where(either, 0.0, BLEEDS), 1.0) * motion)
-    odds = 0.5 * expected + odds - np.where(apart, APART, 0.0)
-    odds[~cut(allowed, window, cv2.BORDER_CONSTANT)] = OUTSIDE
-    found = tidy(cut_out(odds, crop, float(shape.sum())), shape)
+    # Both count half: the silhouette is a first guess, and dense flow runs on for some pixels into what lies beside a thing that moves.
+    odds = weighed(0.5 * expected, (odds, known), colors, apart, 0.5 * motion)
+    inside = cut(allowed, window, cv2.BORDER_CONSTANT)
+    odds[~inside] = -2.0 * SURE
+    found = tidy(cut_out(odds, crop, float(shape.sum())) & inside, shape)
     better = np.zeros_like(mask)
     paste(better, found, window)
     return better if better.sum() >= max(LEAST_PIXELS, 0.3 * mask.sum()) else mask
-
-
-def _beyond_box(mask: np.ndarray, inside: np.ndarray, frame: np.ndarray, plate: Plate, progress: Progress) -> np.ndarray:
-    """The small object `mask` (H, W) with what a box drawn through it cut off: changed pixels outside that adjoin it, shadows aside."""
-    height, width = mask.shape
-    changed = plate.difference(frame) > 6.0 * plate.noise
-    outside = changed & ~inside & ~plate.relit(frame, (0, 0, width, height))
-    _, labels = cv2.connectedComponents((mask | outside).astype(np.uint8), connectivity=4)
-    own = np.unique(labels[mask])
-    grown = outside & np.isin(labels, own)
-    if not CUT_OFF[0] * mask.sum() < grown.sum() < CUT_OFF[1] * mask.sum():
-        return mask
-    progress.warn("The box cuts through the object; what adjoins it outside the box is taken as well.")
-    return tidy(mask | grown, mask)
 
 
 def numbers(values: tuple[float, ...]) -> str:

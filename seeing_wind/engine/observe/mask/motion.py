@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import tempfile
-import weakref
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import cv2
@@ -52,17 +48,6 @@ class Flow:
         inverse = np.array([[1.0 / self.scale[0], 0.0, low[0]], [0.0, 1.0 / self.scale[1], low[1]]])
         return cv2.warpAffine(self.motion, inverse, size, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP, borderMode=cv2.BORDER_REPLICATE)
 
-    def covers(self, window: Window) -> bool:
-        """Whether all of `window` lies in its own."""
-        height, width = self.motion.shape[:2]
-        x1, y1 = self.x0 + width * self.scale[0], self.y0 + height * self.scale[1]
-        return self.x0 <= window[0] and self.y0 <= window[1] and window[2] <= x1 and window[3] <= y1
-
-    def enlarged(self, x: float, y: float) -> Flow:
-        """The same in frames that are larger by the factors `x` and `y`."""
-        motion = self.motion * np.array([x, y], np.float32)
-        return Flow(self.x0 * x, self.y0 * y, motion, (self.scale[0] * x, self.scale[1] * y))
-
 
 def window_of(mask: np.ndarray, margin: int) -> Window:
     """The bounding box of `mask` (H, W) bool, `margin` pixels wider on each side."""
@@ -77,10 +62,8 @@ def passed(masks: Masks, margin: int) -> Window:
     return int(x0), int(y0), int(x1), int(y1)
 
 
-def joined(window: Window, other: Window | None) -> Window:
-    """The smallest window that holds `window` and `other`, if there is one."""
-    if other is None:
-        return window
+def joined(window: Window, other: Window) -> Window:
+    """The smallest window that holds both."""
     (x0, y0, x1, y1), (a0, b0, a1, b1) = window, other
     return min(x0, a0), min(y0, b0), max(x1, a1), max(y1, b1)
 
@@ -137,21 +120,18 @@ def body_shift(
     weight: np.ndarray,
     origin: tuple[int, int],
     frame: np.ndarray,
-    changed: np.ndarray | None,
     expected: np.ndarray,
     reach: float,
 ) -> np.ndarray:
     """The shift (2,) [px] that carries the whole object into the next frame.
 
-    Masked template search: mean squared colour difference, plus how little of the object's place differs from the background,
-    plus a mild pull towards the expected shift.
+    Masked template search: mean squared colour difference, plus a mild pull towards the expected shift.
 
     Args:
         template: (h, w, 3) uint8, the object's bounding box in the frame before.
         weight: (h, w) bool, the object in it.
         origin: x, y of the template's corner.
         frame: (H, W, 3) uint8, the next frame.
-        changed: (H, W) float32 in 0..1, evidence against background; None when there is no plate.
         expected: (2,) [px], the shift so far.
         reach: [px] searched on each side of the expected shift.
     """
@@ -169,9 +149,6 @@ def body_shift(
     colour_mask = np.repeat(inside[..., None], 3, axis=2)
     cost = cv2.matchTemplate(search, object_colors, cv2.TM_SQDIFF, mask=colour_mask) / max(float((colour_mask**2).sum()), 1e-6)
     cost = np.sqrt(np.maximum(cost, 0.0))
-    if changed is not None:
-        evidence = cv2.resize(cut(changed, window, cv2.BORDER_CONSTANT), room, interpolation=cv2.INTER_AREA).astype(np.float32)
-        cost += 40.0 * (1.0 - cv2.matchTemplate(evidence, inside, cv2.TM_CCORR) / max(float(inside.sum()), 1e-6))
     step = (window[2] - window[0]) / room[0]
     y, x = np.mgrid[: cost.shape[0], : cost.shape[1]]
     shifts = np.stack([x * step - reach, y * step - reach], axis=-1)
@@ -207,51 +184,3 @@ class FlowSolver:
         motion = self._solver.calc(np.ascontiguousarray(first), np.ascontiguousarray(second), None)
         factor = (width / first.shape[1], height / first.shape[0])
         return Flow(x0, y0, motion * np.array(factor, np.float32) + np.array([dx, dy], np.float32), factor)
-
-
-class Flows:
-    """What a pass over smaller frames found, for one over the frames themselves: there it would be sought as coarsely.
-
-    The motion is kept in a temporary file, so that a clip's length costs no memory. What is not there, because the disk is full or an
-    interrupted run found it, is found once more, the same.
-    """
-
-    def __init__(self, gray: Callable[[int], np.ndarray], larger: tuple[float, float]) -> None:
-        """`gray` gives the smaller frames (H, W) uint8 by their number; the others are `larger` by these factors along x and y."""
-        self._gray, self._larger, self._solver = gray, larger, FlowSolver(rough=True)
-        self._asked: list[np.ndarray] = []
-        self._found: dict[int, tuple[int, tuple[int, ...]]] = {}
-        self._file = tempfile.TemporaryFile(prefix="seeing_wind_")
-        weakref.finalize(self, self._file.close)
-
-    def add(self, flow: Flow | None, window: Window, shift: np.ndarray) -> None:
-        """Motion to the next frame, in `window` and round `shift` (2,) [px], of the smaller ones; None where the object is hidden."""
-        if flow is not None:
-            with contextlib.suppress(OSError):
-                place = self._file.seek(0, 2)
-                self._file.write(np.ascontiguousarray(flow.motion).data)
-                self._found[len(self._asked)] = place, flow.motion.shape
-        self._asked.append(np.full(6, np.nan) if flow is None else np.array([*window, *shift]))
-
-    def state(self) -> dict[str, np.ndarray]:
-        """Where motion was sought: all that finding it once more needs."""
-        return {"flows": np.reshape(self._asked, (-1, 6))}
-
-    def resume(self, state: dict[str, np.ndarray]) -> None:
-        """Go on as what gave `state` would have."""
-        self._asked = list(state["flows"])
-
-    def covering(self, t: int, window: Window) -> Flow | None:
-        """Motion from frame t to the next one, of the larger frames; None where it was not sought in all of `window`."""
-        if np.isnan(self._asked[t]).any():
-            return None
-        x0, y0, x1, y1 = (int(value) for value in self._asked[t][:4])
-        if t in self._found:
-            place, shape = self._found[t]
-            self._file.seek(place)
-            motion = np.frombuffer(self._file.read(8 * shape[0] * shape[1]), np.float32).reshape(shape)
-            flow = Flow(x0, y0, motion, ((x1 - x0) / shape[1], (y1 - y0) / shape[0]))
-        else:
-            flow = self._solver.between(self._gray(t), self._gray(t + 1), (x0, y0, x1, y1), self._asked[t][4:])
-        larger = flow.enlarged(*self._larger)
-        return larger if larger.covers(window) else None

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 
 from ....progress import Progress
+from ....records import Doubt
 from ...clip.stored import Frames
 from ..background import Plate
 from ..evidence import Contrast, against_plate
@@ -56,6 +57,19 @@ def moving_from(frames: Frames, inside: np.ndarray, plate: Plate, progress: Prog
     odds = np.zeros(inside.shape, np.float32)
     paste(odds, moved_later(frames, wide, plate.noise, progress), wide)
     return (lambda window: cut(odds, window)) if (inside & (odds > 0.0)).sum() > max(MORE * moves, MOVES * inside.sum()) else soon
+
+
+def hardly_moves(frame: np.ndarray, inside: np.ndarray, plate: Plate, moving: Moving) -> Doubt | None:
+    """Said where so little of the box `inside` (H, W) bool moves or is gone later that only colours tell the object in `frame`, frame 0."""
+    near = within(window_of(inside, NEARBY), inside)
+    boxed = cut(inside, near)
+    if (boxed & (moving(near) + left(frame, plate, near) > 0.0)).sum() > MOVES * boxed.sum():
+        return None
+    return Doubt(
+        1.0,
+        "Next to nothing in the box is seen to move, so in the first frame only colours tell the object from what is behind it.",
+        "Look at the outline, and mark it by --mask with a PNG if it is wrong, or take frames in which the object moves.",
+    )
 
 
 def left(frame: np.ndarray, plate: Plate, window: Window) -> np.ndarray:

@@ -9,7 +9,7 @@ from ....progress import Progress
 from ...clip.stored import Frames
 from ..background import SHADOW, largest
 from ..motion import Window
-from .soon import LEAST_MOTION, MOTION_SURE, share_of, shrunk
+from .soon import LEAST_MOTION, odds_of, shrunk
 
 OFTEN = 0.3
 """Part of the frames in which most of the object is seen away from its place, in which a pixel has to be, too: what passes before a still
@@ -50,9 +50,7 @@ def moved_later(frames: Frames, window: Window, noise: float, progress: Progress
         moved += shown & far & (left < 0.5 * still) & (still > 6.0 * noise)
         before = after
     often = moved >= max(2.0, OFTEN * float(moved.max(initial=0)))
-    share = share_of(often)
-    odds = np.where(share > 0.4, MOTION_SURE, np.where((changed == 0) & (share < 0.1), -MOTION_SURE, 0.0)).astype(np.float32)
-    return cv2.resize(odds, size, interpolation=cv2.INTER_LINEAR) if scale < 1.0 else odds
+    return odds_of(often, changed, size)
 
 
 def unlike(crop: np.ndarray, first: np.ndarray) -> np.ndarray:

@@ -58,9 +58,7 @@ def moving_odds(frames: Frames, window: Window, noise: float) -> np.ndarray:
     with ThreadPoolExecutor(CORES) as cores:
         for far, differs in cores.map(looked_at, (seen(t) for t in LATER if t < len(frames))):
             moved, changed = np.maximum(moved, far), changed + differs
-    share = share_of(moved > LEAST_MOTION * scale)
-    odds = np.where(share > 0.4, MOTION_SURE, np.where((changed == 0) & (share < 0.1), -MOTION_SURE, 0.0)).astype(np.float32)
-    return cv2.resize(odds, size, interpolation=cv2.INTER_LINEAR) if scale < 1.0 else odds
+    return odds_of(moved > LEAST_MOTION * scale, changed, size)
 
 
 def shrunk(frames: Frames, window: Window) -> tuple[tuple[int, int], float, Callable[[int], np.ndarray]]:
@@ -75,7 +73,10 @@ def shrunk(frames: Frames, window: Window) -> tuple[tuple[int, int], float, Call
     return size, scale, seen
 
 
-def share_of(moved: np.ndarray) -> np.ndarray:
-    """Which part of each pixel's neighbourhood has `moved` (h, w) bool, (h, w) float32."""
+def odds_of(moved: np.ndarray, changed: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """Log odds, of a width and height, by where most of a pixel's neighbourhood has `moved` (h, w) bool, and in how many frames a pixel
+    has `changed` (h, w)."""
     across = max(3, int(0.04 * min(moved.shape))) | 1
-    return cv2.blur(moved.astype(np.float32), (across, across))
+    share = cv2.blur(moved.astype(np.float32), (across, across))
+    odds = np.where(share > 0.4, MOTION_SURE, np.where((changed == 0) & (share < 0.1), -MOTION_SURE, 0.0)).astype(np.float32)
+    return odds if odds.shape == size[::-1] else cv2.resize(odds, size, interpolation=cv2.INTER_LINEAR)

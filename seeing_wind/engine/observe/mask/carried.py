@@ -1,0 +1,63 @@
+"""A part of the frame that is carried along from one frame to the next."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from .motion import Flow, Window, placed, window_of
+
+
+class Carried:
+    """Some pixels.
+
+    Attributes:
+        part: (h, w) bool, those of them in the window; window: the smallest that holds them.
+    """
+
+    def __init__(self, name: str, part: np.ndarray | None = None) -> None:
+        """`name`: of its arrays; `part` (H, W) bool, of the whole frame, if there is one."""
+        self._name, self._rest = name, np.zeros(2)
+        self.set(np.zeros((1, 1), bool) if part is None else part)
+
+    def set(self, part: np.ndarray, window: Window = (0, 0, 0, 0)) -> None:
+        """It is `part` (h, w) bool of a window from now on."""
+        x0, y0, x1, y1 = window_of(part, 0) if part.any() else (0, 0, 0, 0)
+        self.part, self.window = part[y0:y1, x0:x1].copy(), (x0 + window[0], y0 + window[1], x1 + window[0], y1 + window[1])
+
+    def any(self) -> bool:
+        """Whether anything is left of it."""
+        return bool(self.part.any())
+
+    def over(self, where: Window) -> np.ndarray:
+        """(h, w) bool in a window."""
+        return placed(self.part, self.window, where)
+
+    def shift(self, motion: np.ndarray) -> None:
+        """As a whole, by `motion` (2,) [px]; what whole pixels leave of it is kept for the next time."""
+        whole = np.round(motion + self._rest)
+        self._rest = motion + self._rest - whole
+        (x0, y0, x1, y1), (dx, dy) = self.window, (int(whole[0]), int(whole[1]))
+        self.window = (x0 + dx, y0 + dy, x1 + dx, y1 + dy)
+
+    def flow(self, flow: Flow) -> None:
+        """Each pixel by the `flow` to the next frame."""
+        if not self.any():
+            return
+        rows, columns = np.nonzero(self.part)
+        to = np.stack([columns, rows], axis=1) + np.rint(flow.over(self.window)[rows, columns]).astype(np.int64)
+        low, high = to.min(axis=0) - 4, to.max(axis=0) + 5  # as far as closing looks
+        part = np.zeros((high - low)[::-1], np.uint8)
+        part[tuple((to - low).T[::-1])] = 1
+        # Pixels drift apart where it grows.
+        x0, y0 = self.window[0] + int(low[0]), self.window[1] + int(low[1])
+        self.set(cv2.morphologyEx(part, cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8)) > 0, (x0, y0, x0, y0))
+
+    def state(self) -> dict[str, np.ndarray]:
+        """All that the frames to come depend on."""
+        return {self._name: self.part, f"{self._name}_window": np.array(self.window), f"{self._name}_rest": self._rest}
+
+    def resume(self, state: dict[str, np.ndarray]) -> None:
+        """Go on from what `state` gave."""
+        x0, y0, x1, y1 = (int(value) for value in state[f"{self._name}_window"])
+        self.part, self.window, self._rest = state[self._name], (x0, y0, x1, y1), state[f"{self._name}_rest"]
