@@ -1,0 +1,105 @@
+"""The object's outline in frame 0, and corrected ones, with what lies behind it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..errors import ObjectError, UsageError
+from ..masks import Masks
+from ..progress import Journal, Progress
+from ..records import Doubt
+from ..settings import ObserveSettings
+from .clip.shake import homography, through_mask
+from .mask.background import Plate
+from .mask.by_turns import with_background
+from .mask.corrected import Marks, carried_to_first, marks_of, with_corrections
+from .mask.cutting import LEAST_PIXELS
+from .mask.evidence import Contrast
+from .mask.first_mask import read_mask
+from .mask.from_box import box_round
+from .mask.moving.in_box import hardly_moves, moving_from
+from .networks import first_outline
+from .steady import Steady, marked, marked_area
+
+
+@dataclass(frozen=True)
+class Outline:
+    """The object in frame 0, and what tells it from the rest."""
+
+    mask: np.ndarray
+    """(H, W) bool."""
+    corrected: Masks | None
+    """In all frames, where the user corrected any."""
+    plate: Plate | None
+    """What is behind the object, learnt with it."""
+    contrast: Contrast | None
+    """How it differs from that."""
+    other: np.ndarray | None
+    """(H, W) bool: another thing that moves along with it, see `others.beyond_box`."""
+    settings: ObserveSettings
+    """With the box in which it was sought."""
+    doubts: list[Doubt]
+
+
+def find_outline(steady: Steady, progress: Progress, journal: Journal) -> Outline:
+    """The object's outline: what the user drew, or else what moves where they say that the object is.
+
+    Raises:
+        ObjectError, UsageError: as `first_mask` and `corrected` say.
+    """
+    progress.update(0.08, "finding the object")
+    frames, settings, around, plate = steady.clip.frames, steady.settings, steady.around, steady.plate
+    shown, marks = _corrections(steady)
+    if shown and not marked(settings):
+        # Nothing else says where it is: it is sought in frame 0 where it is followed back to.
+        settings = replace(settings, box=box_round(carried_to_first(frames, shown, plate, progress)))
+        around = marked_area(settings, *frames.shape[1:3])
+    boxed = around if settings.box is not None else np.zeros_like(around)
+    moving = None if plate is None else moving_from(frames, boxed, plate, progress)
+    doubts: list[Doubt] = []
+    if plate is not None and moving is not None and boxed.any():
+        doubts += [one for one in (hardly_moves(frames[0], boxed, plate, moving),) if one is not None]
+    unaided = first_outline(settings, frames, plate, moving, steady.lens, progress)
+    mask = shown.get(0, unaided)
+    progress.update(0.1, "following the object")
+    contrast, other = None, None
+    if plate is not None and moving is not None:
+        behind = plate
+        unaided, plate, contrast, other = with_background(frames, unaided, behind, moving, settings, around, progress, journal)
+        mask = unaided
+        if 0 in shown:
+            # What is behind the object, and how it differs from that, is learnt once more where the user has drawn it.
+            drawn = replace(settings, box=None)
+            mask, plate, contrast, _ = with_background(frames, shown[0], behind, moving, drawn, shown[0], progress, journal)
+    corrected = with_corrections(frames, mask, unaided, shown, marks, plate, contrast, other, progress, journal)
+    return Outline(mask if corrected is None else corrected[0], corrected, plate, contrast, other, settings, doubts)
+
+
+def _corrections(steady: Steady) -> tuple[dict[int, np.ndarray], dict[int, Marks]]:
+    """The outline (H, W) bool that the user gave, and marks that correct one, by the frames of the clip that they are in.
+
+    Raises:
+        UsageError: one that lies outside the clip.
+    """
+    settings, clip, lens, turns = steady.settings, steady.clip, steady.lens, steady.turns
+    count, height, width = clip.frames.shape[:3]
+    marks = marks_of(settings.correct or (), clip.first_frame, (count, height, width))
+    still = {t: np.eye(3) if turns is None else homography(turns[t], lens.camera) for t in range(count)}
+    marks = {
+        t: Marks(lens.straight_points(one.on), lens.straight_points(one.beside)).through(still[t]) for t, one in marks.items()
+    }
+    if settings.outline is None:
+        return {}, marks
+    place = settings.outline_frame - clip.first_frame
+    if not 0 <= place < count:
+        raise UsageError(
+            f"--outline-frame: frame {settings.outline_frame} of the file lies outside the clip's frames {clip.first_frame} to "
+            f"{clip.first_frame + count - 1}.",
+            "Count from 0, as --frames does.",
+        )
+    outline = lens.straight_map(read_mask(settings.outline, height, width, "outline"))
+    if outline.sum() < LEAST_PIXELS:
+        raise ObjectError(f"The outline {settings.outline} has {int(outline.sum())} pixels, too few for an object.", "Draw it larger.")
+    return {place: through_mask(outline, still[place])}, marks
