@@ -113,5 +113,6 @@ def _frames(body: Copies, coefficients: np.ndarray, strict: bool, progress: Prog
         for name, array in now.items():
             states[name][going[~broken], t + 1] = array[going[~broken]]
         loop.reached(t + 1, lambda: {**states, "substeps": substeps, "failed_frame": failed_frame})
-    paths = [Trajectory(**{name: array[b] for name, array in states.items()}, substeps=substeps[b]) for b in range(copies)]
+    # Copies of the arrays: who keeps one path does not keep the memory of all.
+    paths = [Trajectory(**{name: array[b].copy() for name, array in states.items()}, substeps=substeps[b]) for b in range(copies)]
     return BatchRollout(paths, failed_frame)

@@ -103,7 +103,7 @@ def _fitted(
     for _ in range(steps):
         unknown, x, changed = bearable(forward, state, unknown, offset, frame, ahead)
         white = _whiten(objective, np.concatenate([x[None], changed]), frame)
-        if unexplained is None:
+        if unexplained is None:  # taken for exact, what a constant force cannot explain is explained by any that squeezes the body
             unexplained = max(1.0, PACE.horizon_unexplained * float(np.sqrt((white[0] ** 2).mean())))
         white /= unexplained
         before = float((white[0] ** 2).sum() + _prior_cost(unknown - mean, precision))
