@@ -138,7 +138,7 @@ def _recover_into(
     body, upstream = _timed(seconds, "build", lambda: build_stage(take, observation, seen, building, progress))
     targets = [track_targets(observation, body)]
     if arguments.view:
-        body, targets, upstream = _with_views(take, arguments.view, observing, observation, body, upstream, progress)
+        body, targets, upstream = _with_views(take, arguments.view, observing, observation, body, targets, upstream, progress)
     if settings.still is not None:
         settings = dataclasses.replace(settings, still=_from_first(settings.still, observation.first_frame, len(observation.xy) - 1))
     blown = settings_of(WindSettings, arguments)
@@ -179,20 +179,19 @@ def _with_views(
     observing: ObserveSettings,
     observation: Observation,
     body: Body,
+    targets: list[TrackTargets],
     built: str,
     progress: Progress,
 ) -> tuple[Body, list[TrackTargets], str]:
     """The body as all cameras see it, what each of them saw of it, and the stamp of both.
 
-    Args:
-        views: clip, camera and mask of each further view.
-        built: stamp of the body as the first view alone shows it.
+    `views`: clip, camera and mask of each further view; `targets`: what the first one saw; `built`: stamp of the body as that shows it.
     """
     from ..look import write_ply
     from ..look.multiview import with_views
     from ..observe.object.motion.views import view_targets
 
-    sights, targets = [], [track_targets(observation, body)]
+    sights, targets = [], list(targets)
     for number, (clip, camera, mask) in enumerate(views, start=1):
         # Depth and pins of a further view are not used: its points are found on the first view's body.
         further = dataclasses.replace(observing, mask=mask, camera=camera, box=None, points=None, tracks=None, depth=None, pin=None)

@@ -53,6 +53,7 @@ def recover_stage(
         the stage's name.
     """
     from ..field import load_field
+    from .paper.schedule import recover_by_descent
 
     known = None
     if settings.body is not None:
@@ -74,7 +75,11 @@ def recover_stage(
         expected = _foretell(particles, material, targets, fps, settings, progress)
         started = time.perf_counter()
         with TakeJournal(take, solved, progress) as journal:
-            recovery = _solve(particles, material, targets, fps, settings, progress, journal, known, loss)
+            if settings.schedule == "paper":
+                made = loss() if loss is not None else None
+                recovery = recover_by_descent(particles, material, targets, fps, settings, progress, made, journal)
+            else:
+                recovery = recover(particles, material, targets, fps, settings, progress, journal, known)
             seconds["recover"] = time.perf_counter() - started
             if recovery.outcome == Outcome.DIVERGED:
                 return recovery, None, seconds, expected
@@ -93,26 +98,6 @@ def recover_stage(
         systems.replace(take.file(FITTED), take.file("field.safetensors"))
         take.finish("recover", stamp, to_mapping(told))
     return recovery, field, seconds, expected
-
-
-def _solve(
-    particles: Particles,
-    material: Material,
-    targets: PointTargets | list[TrackTargets],
-    fps: float,
-    settings: RecoverSettings,
-    progress: Progress,
-    journal: Journal,
-    known: KnownBody | None,
-    loss: Callable[[], Callable[[float], MotionLoss]] | None,
-) -> Recovery:
-    """By the schedule that the settings ask for."""
-    from .paper.schedule import recover_by_descent
-
-    if settings.schedule == "paper":
-        made = loss() if loss is not None else None
-        return recover_by_descent(particles, material, targets, fps, settings, progress, made, journal)
-    return recover(particles, material, targets, fps, settings, progress, journal, known)
 
 
 def _foretell(
