@@ -33,6 +33,7 @@ from .diagnostics.remarks import (
 )
 from .prior.basis import SpatialBasis, held_axis, spatial_basis
 from .prior.constants import PRIOR
+from .prior.kernel import knots_for_variance
 from .prior.learning import Expected
 from .solve.block import BlockSolver, Found
 from .solve.constants import PACE
@@ -246,6 +247,7 @@ def _keep(found: Found, frames: int) -> Kept:
     covariance = covariance_with(found.last.point.normal + replace(found.prior, stretch=None).precision(), found.joint)
     path, acceleration = found.trajectory, found.forward.acceleration(found.last.theta)[:frames]
     deviation = posterior_deviation(found.forward, covariance)[:frames]
+    knot = knots_for_variance(found.prior.kernel, found.forward.basis, path.x, PACE.knot, PRIOR.hurried)
     if found.forward.shape[1] == 1:
         deviation = np.hypot(deviation, unseen_variation(acceleration))
     return Kept(
@@ -257,5 +259,5 @@ def _keep(found: Found, frames: int) -> Kept:
         found.forward.knots.spacing,
         found.stiffness,
         found.wild[:frames],
-        Onward(found.prior.kernel, found.forward.per_frame(found.last.theta)[frames:]),
+        Onward(found.prior.kernel, knot, found.forward.per_frame(found.last.theta)[frames:]),
     )

@@ -9,7 +9,7 @@ import torch
 from seeing_wind.engine.records import PointTargets
 from seeing_wind.engine.recovery.prior.basis import knots, spatial_basis
 from seeing_wind.engine.recovery.prior.evidence import log_evidence, maximise_evidence, prefer_belief
-from seeing_wind.engine.recovery.prior.kernel import Kernel, Places, Prior, modes_for_variance
+from seeing_wind.engine.recovery.prior.kernel import Kernel, Places, Prior, knots_for_variance, modes_for_variance
 from seeing_wind.engine.recovery.prior.learning import noise_share
 from seeing_wind.engine.recovery.solve.gauss_newton import Linearisation
 from seeing_wind.engine.recovery.targets.objective import Objective
@@ -61,6 +61,25 @@ def test_sizes_of_the_prior_are_learnt_from_a_draw():
     assert size[2] > 4 * size[0] and size[2] > 4 * size[1] and 0.4 < size.sum() / 3.0 < 2.5
     assert 0.7 < learnt.length < 1.5 and 4.0 < learnt.duration < 9.0
     assert modes_for_variance(learnt, basis, body.x, 1e-4) > modes_for_variance(replace(learnt, length=8.0), basis, body.x, 1e-4)
+
+
+def test_knots_get_denser_where_the_field_changes_fast_for_the_body():
+    """So it does, steady as it is, for a body that spins in it; not for one that rests, nor where it is the same everywhere."""
+    body = plate((8, 6, 2))
+    basis = spatial_basis(body.x, body.volume, 16)
+    angles, middle = np.radians(20.0) * np.arange(13), body.x.mean(axis=0)
+    turns = np.array([[[np.cos(a), -np.sin(a), 0.0], [np.sin(a), np.cos(a), 0.0], [0.0, 0.0, 1.0]] for a in angles])
+    spinning = middle + (body.x - middle) @ turns.transpose(0, 2, 1)
+    slow = Kernel(np.eye(3), length=1.0, duration=40.0)
+
+    def spacing(kernel: Kernel, path: np.ndarray) -> float:
+        return knots_for_variance(kernel, basis, path, 4.0, 1e-3)
+
+    assert spacing(slow, still(body, 12)) == 4.0
+    assert spacing(slow, spinning) < 4.0
+    assert spacing(replace(slow, length=100.0, slope=0.0), spinning) == 4.0
+    assert spacing(replace(slow, duration=8.0), still(body, 12)) == 2.0
+    assert spacing(replace(slow, duration=3.0), still(body, 12)) == 1.0
 
 
 def test_the_derivative_of_the_evidence_is_that_of_its_difference_quotient():

@@ -129,7 +129,7 @@ def test_a_kick_that_is_smoothed_over_a_whole_short_clip_is_not_known():
     x, wind = blow(body, lambda X, t: np.zeros_like(X) + [30.0 if t == 5 else 0.0, 0.0, 0.0], 10)
     found = recover(body, RUBBER, points(body, x), FPS, WEIGHTLESS, NoProgress())
     off = np.linalg.norm(found.force_density - RUBBER.density * wind, axis=-1).mean(axis=1)
-    assert off[5] > 0.5 * RUBBER.density * 30.0  # a knot in every second frame cannot follow it
+    assert off[5] > 0.25 * RUBBER.density * 30.0  # no field that is smooth in time follows it
     assert found.deviation[3:8].mean() > off[3:8].mean() / 2.0
 
 

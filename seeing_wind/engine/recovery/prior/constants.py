@@ -68,6 +68,10 @@ class PriorConstants:
     unexpected: float = constant(
         1e-4, "1", "Share of the field's variance over the body that may lie in modes which a solve leaves out.", "Chosen."
     )
+    hurried: float = constant(
+        1e-3, "1", "Share of the field's variance at one place that straight lines between knots may miss; they get denser beyond it.",
+        "A card that flutters asks for a knot in every frame: 5e-3; a stalk in gusts gains nothing by it: 8e-4.",
+    )  # fmt: skip
 
     stiffness_spread: float = constant(
         0.3, "1", "Standard deviation of s = log(E / E given).", "A guessed thickness alone makes as much."

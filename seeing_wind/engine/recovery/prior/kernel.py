@@ -19,7 +19,7 @@ import numpy as np
 import torch
 
 from ...field.confidence import farthest_points
-from .basis import SpatialBasis
+from .basis import SpatialBasis, hats
 from .constants import PRIOR
 from .stretch import stretch_precision, stretch_rows
 
@@ -136,6 +136,23 @@ class Prior:
         time = over_time(self.places.at, torch.tensor(self.kernel.duration, dtype=torch.float64)).numpy()
         extra = stretch_precision(rows, time, space, self.kernel.covariance, share)
         return replace(self, stretch=extra if self.stretch is None else self.stretch + extra)
+
+
+def knots_for_variance(kernel: Kernel, basis: SpatialBasis, path: np.ndarray, most: float, share: float) -> float:
+    """Frames between knots: `most`, or half of it as often as it takes until straight lines between them miss at most `share` of the
+    variance that the modes of a body on this path (T+1, N, 3) [m] have. What turns or travels fast feels a steady field change fast."""
+    count, modes, spacing = len(path), basis.phi.shape[1], most
+    together = Places.along(basis, path, np.arange(count)).covariance(kernel).reshape(count, modes, count, modes)
+    variance = np.einsum("kmlm->kl", together)
+    while spacing > 1.0:
+        at = np.arange(0, count, int(spacing))
+        missed = np.eye(at[-1] + 1)
+        missed[:, at] -= hats(len(missed), spacing)
+        seen = variance[: len(missed), : len(missed)]
+        if np.trace(missed @ seen @ missed.T) <= share * np.trace(seen):
+            break
+        spacing *= 0.5
+    return max(1.0, spacing)
 
 
 def modes_for_variance(kernel: Kernel, basis: SpatialBasis, x: np.ndarray, share: float) -> int:

@@ -22,7 +22,7 @@ from ...progress import Journal, Progress
 from ...records import Particles
 from ..prior.basis import SpatialBasis, knots_between, velocity_basis
 from ..prior.constants import PRIOR
-from ..prior.kernel import Prior, modes_for_variance
+from ..prior.kernel import Prior, knots_for_variance, modes_for_variance
 from ..prior.learning import Expected, learn_hyperparameters, learn_kernel, prior_along, track_misfit
 from ..targets.objective import Objective
 from ..targets.tracks import TrackChannels, wild_frames
@@ -148,7 +148,8 @@ class BlockSolver:
         path = coarse.trajectory(first.theta)
         self.objective = self.objective.reweighted(self.objective.residual(path.x[None])[0])
         worth = modes_for_variance(kernel, self.basis, self.particles.x, PRIOR.unexpected)
-        fine = self.forward(self.basis.first(max(coarse.shape[1], worth)), self.knot(PACE.knot), self.objective.frames)
+        basis = self.basis.first(max(coarse.shape[1], worth))
+        fine = self.forward(basis, self.knot(knots_for_variance(kernel, basis, path.x, PACE.knot, PRIOR.hurried)), self.objective.frames)
         theta = fine.pack(coarse.per_frame(first.theta), first.theta[coarse.size :])
         prior = prior_along(kernel, fine, path, self.expected, self.objective)
         second = self.solve(fine, prior, theta, most, (0.45, 0.8), "Solving finely")

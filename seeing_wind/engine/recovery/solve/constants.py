@@ -15,8 +15,10 @@ class PaceConstants:
 
     block: int = constant(32, "frames", "Solved together, at most.", "Cost: a dense solve grows with the cube of it.")
     overlap: int = constant(8, "frames", "Of a block that the next one solves again.", "The prior's `duration`.")
-    knot: float = constant(2.0, "frames", "Between knots of the last solves.", "docs/notebook/sensitivity.md.")
-    unknowns: int = constant(900, "unknowns", "Of a dense solve, at most; beyond them the knots get sparser.", "Cost.")
+    knot: float = constant(
+        2.0, "frames", "Between knots of the last solves, at most; a field that changes fast gets more.", "docs/notebook/sensitivity.md."
+    )
+    unknowns: int = constant(1800, "unknowns", "Of a dense solve, at most; beyond them the knots get sparser.", "Cost.")
     rough: float = constant(0.5, "1", "Substeps of the rough model, in those of the fine one.", "The fine ones have a margin of three.")
     held_substeps: float = constant(
         3000.0, "1/s", "Of a held elastic body that swings far. What bends within a cell gives way a little as it crosses others, the more "

@@ -27,6 +27,8 @@ class Onward:
 
     kernel: Kernel
     """The hyperparameters learnt."""
+    knot: float
+    """Frames between knots that they ask for."""
     coefficients: np.ndarray
     """(overlap, modes, 3) of the force in the frames that the next block solves again [m/s²]."""
 
@@ -40,7 +42,7 @@ def continue_block(solver: Solver, before: Onward) -> tuple[Forward, Prior, Solu
     what, objective, frames = "Going on with the force so far", solver.objective, solver.objective.frames
     overlap, modes = before.coefficients.shape[:2]
     worth = modes_for_variance(before.kernel, solver.basis, solver.particles.x, PRIOR.unexpected)
-    forward = solver.forward(solver.basis.first(max(modes, worth)), solver.knot(PACE.knot), frames)
+    forward = solver.forward(solver.basis.first(max(modes, worth)), solver.knot(before.knot), frames)
     held_on = np.concatenate([before.coefficients, np.repeat(before.coefficients[-1:], max(0, frames - overlap), axis=0)])[:frames]
     theta = forward.pack(held_on, np.zeros(0))
     try:
