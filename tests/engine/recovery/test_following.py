@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from seeing_wind.engine.recovery.prior.basis import knots_between, spatial_basis
 from seeing_wind.engine.recovery.prior.learning import track_misfit
 from seeing_wind.engine.recovery.recover import recover
 from seeing_wind.engine.recovery.solve import block, warm_start
-from seeing_wind.engine.recovery.solve.constants import PACE
+from seeing_wind.engine.recovery.solve.first_field import strayed
 from seeing_wind.engine.recovery.solve.forward import Forward
 from seeing_wind.engine.recovery.solve.gauss_newton import Linearisation, solve
 from seeing_wind.engine.recovery.targets.constants import NOISE
@@ -98,7 +99,7 @@ def found(rippling, progress=None, **changed):
 def usual(rippling):
     """The recovery that is content with the usual pace."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(block, "PACE", replace(PACE, refollow_misfit=np.inf))
+        patch.setattr(block, "strayed", lambda *given: 0.0)
         return found(rippling)
 
 
@@ -124,13 +125,27 @@ def test_a_sheet_that_strays_finely_more_or_breaks_keeps_what_was_found_before(r
         return follow(solver, pace, share)
 
     follow = block.follow
-    monkeypatch.setattr(block, "PACE", replace(PACE, refollow_misfit=0.0))
-    misfits = iter([5.0, 9.0])
+    off = iter([5.0, 9.0])
     with monkeypatch.context() as worse:
-        worse.setattr(block, "track_misfit", lambda *given: next(misfits))
+        worse.setattr(block, "strayed", lambda *given: next(off))
         np.testing.assert_array_equal(found(rippling).force_density, usual.force_density)
+    monkeypatch.setattr(block, "strayed", lambda *given: 5.0)
     monkeypatch.setattr(block, "follow", breaks)
     np.testing.assert_array_equal(found(rippling).force_density, usual.force_density)
+
+
+def test_points_are_lost_where_the_solution_is_far_worse_than_what_the_look_ahead_led_through():
+    body = plate((6, 4, 2))
+    still = np.repeat(body.x[None], 9, axis=0)
+    objective = Objective([point_channels(body, PointTargets(still, np.ones(still.shape[:2], bool), every(body)), False)])
+    solver = SimpleNamespace(objective=objective, basis=spatial_basis(body.x, body.volume, 6))
+
+    def off(misfit: float, led: float) -> float:
+        white = misfit * np.ones(objective.whiten(objective.residual(still[None])).shape[1]) * objective.used.T.ravel()
+        return strayed(solver, SimpleNamespace(misfit=led), SimpleNamespace(residual=white))
+
+    assert off(40.0, 20.0) > 1.0 > off(10.0, 9.0)
+    assert off(2.0, 0.1) < 1.0 < off(4.0, 0.1)  # within the noise it is no matter
 
 
 def test_a_draft_is_followed_once_and_two_iterations_are_more_than_a_draft(rippling, monkeypatch):

@@ -27,7 +27,7 @@ from ..prior.learning import Expected, learn_hyperparameters, learn_kernel, prio
 from ..targets.objective import Objective
 from ..targets.tracks import TrackChannels, wild_frames
 from .constants import PACE
-from .first_field import FINELY, FLOWING, USUAL, Pace, follow
+from .first_field import FINELY, FLOWING, USUAL, Pace, follow, strayed
 from .forward import Forward
 from .gauss_newton import Linearisation, Solution, cost_of
 from .gauss_newton import solve as gauss_newton
@@ -119,22 +119,23 @@ class BlockSolver:
         Returns the pace, forward model, prior, solution, and the Jacobians used.
         """
         pace = FLOWING if self._flows() else USUAL
-        modes = self.basis.up_to(2).phi
-        best, lost, used = None, math.inf, 0
+        best, least, used = None, math.inf, 0
         for one, (begin, solving, end) in ((pace, (0.02, 0.15, 0.2)), (FINELY, (0.2, 0.4, 0.45))):
             most = min(max(1, self.iterations - 1), one.coarse_iterations)
             try:
-                forward, prior, theta, more = follow(self, one, (begin, solving))
-                found = self.solve(forward, prior, theta, most, (solving, end), "Solving coarsely", tolerance=PACE.coarse_tolerance)
+                first = follow(self, one, (begin, solving))
+                found = self.solve(
+                    first.forward, first.prior, first.theta, most, (solving, end), "Solving coarsely", tolerance=PACE.coarse_tolerance
+                )
             except SimulationError:
                 if best is None:
                     raise
                 break  # what the usual pace found stands
-            used += more + found.iterations
-            misfit = track_misfit(self.objective, modes, found.residual)
-            if best is None or misfit < lost:
-                best, lost = (one, forward, prior, found), misfit
-            if misfit < PACE.refollow_misfit or pace is FLOWING or self.iterations == 1:
+            used += first.iterations + found.iterations
+            off = strayed(self, first, found)
+            if best is None or off < least:
+                best, least = (one, first.forward, first.prior, found), off
+            if off < 1.0 or pace is FLOWING or self.iterations == 1:
                 break
         assert best is not None
         return *best, used

@@ -51,6 +51,10 @@ class PaceConstants:
         3.0, "deviations", "Track misfit above which the first field of a block is found again with finer steps.",
         "Seen: 0.1 to 0.4 for leaves, posts and plants, 1.4 for a banner that turns edge-on, 6 for a flag that was lost.",
     )  # fmt: skip
+    refollow_worse: float = constant(
+        1.5, "1", "The same of all targets, where it is this many times that of the motion the look-ahead led through: sparse knots may "
+        "lose some of it, but not as much.", "Seen: 1.0 for a card that flutters and is found, 1.9 for one that tumbles and was lost.",
+    )  # fmt: skip
 
     chord_steps: int = constant(6, "steps", "With one Jacobian, at most.", COST)
     stale: float = constant(0.2, "1", "A Jacobian is renewed when a step wins less than this share of what it promised.", COST)

@@ -17,8 +17,10 @@ import numpy as np
 from ...mpm.state import Trajectory
 from ..prior.constants import PRIOR
 from ..prior.kernel import Kernel, Prior
-from ..prior.learning import prior_along
+from ..prior.learning import prior_along, track_misfit
+from .constants import PACE
 from .forward import Forward
+from .gauss_newton import Solution
 from .solver import Solver
 from .warm_start import WarmStart, warm_start
 
@@ -62,8 +64,22 @@ FINELY = Pace(
 """Of a body that strayed at the usual pace."""
 
 
-def follow(solver: Solver, pace: Pace, share: tuple[float, float]) -> tuple[Forward, Prior, np.ndarray, int]:
-    """Forward model, prior, unknowns that track the whole block, and the Jacobians used.
+@dataclass(frozen=True)
+class FirstField:
+    """What the solve of a whole block begins with."""
+
+    forward: Forward
+    prior: Prior
+    theta: np.ndarray
+    """(n,) unknowns that track the block."""
+    iterations: int
+    """Jacobians used."""
+    misfit: float
+    """Of the motion that the look-ahead led through [standard deviations]: what a solve that goes right lowers."""
+
+
+def follow(solver: Solver, pace: Pace, share: tuple[float, float]) -> FirstField:
+    """Unknowns that track the whole block.
 
     Args:
         solver: the block.
@@ -97,7 +113,8 @@ def follow(solver: Solver, pace: Pace, share: tuple[float, float]) -> tuple[Forw
         theta = forward.pack(found, velocity)
         kernel = Kernel(max(rms(found[:, 0]), 0.05 * size) ** 2 * component / 3.0, pace.length, pace.duration)
         way = [solved.state(t) for t in range(begin)] if solved else []
-        prior = prior_along(kernel, forward, Trajectory.of(way + [led.path.state(t) for t in range(end - begin + 1)]), expected, objective)
+        path = Trajectory.of(way + [led.path.state(t) for t in range(end - begin + 1)])
+        prior = prior_along(kernel, forward, path, expected, objective)
         if end < frames:
             settled = begin - pace.behind
             open_knots = np.repeat(forward.knots.at >= settled, forward.size // forward.shape[0])
@@ -106,7 +123,13 @@ def follow(solver: Solver, pace: Pace, share: tuple[float, float]) -> tuple[Forw
             part_solved = solver.solve(forward, prior, theta, most, (done, done), what, active)
             theta, used = part_solved.theta, used + part_solved.iterations
             found, velocity = forward.per_frame(theta), theta[forward.size :]
-    return forward, prior, theta, used
+    return FirstField(forward, prior, theta, used, objective.misfit(objective.whiten(objective.residual(path.x[None]))))
+
+
+def strayed(solver: Solver, first: FirstField, found: Solution) -> float:
+    """How far the solution that a first field led to is off, over what makes it worth finding that field again with finer steps."""
+    of_tracks = track_misfit(solver.objective, solver.basis.up_to(2).phi, found.residual) / PACE.refollow_misfit
+    return max(of_tracks, solver.objective.misfit(found.residual) / max(PACE.refollow_misfit, PACE.refollow_worse * first.misfit))
 
 
 def rms(values: np.ndarray) -> float:
