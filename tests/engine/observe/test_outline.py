@@ -54,6 +54,19 @@ def box_of(mask: np.ndarray, margin: float = 6.0) -> tuple[float, float, float, 
     return columns.min() - margin, rows.min() - margin, columns.max() + margin, rows.max() + margin
 
 
+@pytest.mark.parametrize("size", [20, 24])
+@pytest.mark.parametrize("count", [5, 6])
+def test_a_plain_thing_is_whole_though_its_path_is_hardly_longer_than_itself(tmp_path: Path, size: int, count: int) -> None:
+    frames, masks = np.full((count, 120, 200, 3), 90, np.uint8), np.zeros((count, 120, 200), bool)
+    for t in range(count):
+        masks[t, 40 : 40 + size, 20 + 4 * t : 20 + 4 * t + size] = True
+    frames[masks] = 200
+    write_video(tmp_path / "clip.avi", list(frames), 25.0)
+    seen = observe(tmp_path / "clip.avi", ObserveSettings(box=box_of(masks[0], 4.0), distance=1.0), NoProgress())
+    found = np.asarray(seen.masks)
+    assert ((found & masks).sum(axis=(1, 2)) > 0.75 * (found | masks).sum(axis=(1, 2))).all()
+
+
 @pytest.mark.parametrize("shadow", [0.0, 0.4])
 def test_parts_of_two_colours_move_together_and_their_shadow_is_left_out(tmp_path: Path, shadow: float) -> None:
     path, masks = parts_scene(tmp_path, shadow)

@@ -14,10 +14,9 @@ from ..clip.shake import through
 from ..clip.stored import Frames
 from .background import Plate
 from .cutting import LEAST_PIXELS, grab_cut, tidy
-from .evidence import RIM, Contrast
+from .evidence import FEW, RIM, Contrast
 from .first_mask import SEED
 from .follow import MaskFollower
-from .from_box import FEW
 from .motion import FlowSolver, cut, middle_of, paste, window_of, within
 from .through import followed
 

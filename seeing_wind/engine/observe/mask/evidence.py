@@ -25,6 +25,9 @@ SURE = 4.0
 SMALL = 400
 """Pixels below which an object has too few colours and too small an inside for flow and GrabCut."""
 
+FEW = 900
+"""Pixels below which an object has too few colours to be told by them from another thing."""
+
 APART = 4.0
 """Log odds against another thing beside the object."""
 

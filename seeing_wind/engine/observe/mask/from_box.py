@@ -13,9 +13,6 @@ from .evidence import SURE, Colors, Contrast, against_plate, against_shape, band
 from .motion import cut, paste, window_of, within
 from .moving.in_box import MOVES, NEARBY, Moving, left
 
-FEW = 900
-"""Pixels below which colours say little of an object, and what differs from a clean background more."""
-
 NEITHER = "Mark the object in the first frame by --box, --points, or --mask with a PNG."
 
 
@@ -39,15 +36,16 @@ def mask_in_box(
     margin = max(20, (window_of(inside, 0)[2] - window_of(inside, 0)[0]) // 2, (window_of(inside, 0)[3] - window_of(inside, 0)[1]) // 2)
     window = within(window_of(inside, margin), frame)
     crop, boxed = cut(frame, window), cut(inside, window)
-    motion = behind = None
+    seen = None
     if plate is not None and moving is not None:
-        motion, behind = np.zeros(boxed.shape, np.float32), left(frame, plate, window)
+        motion = np.zeros(boxed.shape, np.float32)
         near = within(window_of(inside, NEARBY), frame)
         paste(motion, moving(near), (near[0] - window[0], near[1] - window[1], near[2] - window[0], near[3] - window[1]))
-    found = _begun(crop, boxed, motion, behind, progress)
-    if found.sum() < LEAST_PIXELS and motion is not None and behind is not None:
+        seen = motion, left(frame, plate, window), plate.relit(frame, window)
+    found = _begun(crop, boxed, seen, progress)
+    if found.sum() < LEAST_PIXELS and seen is not None:
         # A box that GrabCut empties holds something too small or too alike: trust what changes.
-        found = (motion + behind > 0.0) & boxed
+        found = (seen[0] + seen[1] > 0.0) & boxed
     mask = np.zeros(inside.shape, bool)
     paste(mask, tidy(found & boxed), window)
     if mask.sum() < LEAST_PIXELS:
@@ -82,19 +80,23 @@ def _pixels_of(box: tuple[float, float, float, float], height: int, width: int) 
     return inside
 
 
-def _begun(crop: np.ndarray, boxed: np.ndarray, motion: np.ndarray | None, behind: np.ndarray | None, progress: Progress) -> np.ndarray:
-    """The object (h, w) bool in `crop` by GrabCut.
+def _begun(
+    crop: np.ndarray, boxed: np.ndarray, seen: tuple[np.ndarray, np.ndarray, np.ndarray] | None, progress: Progress
+) -> np.ndarray:
+    """The object (h, w) bool in `crop` by GrabCut, begun with what moves by itself or differs from the background as the object.
 
-    Begun with what moves by itself, log odds `motion` (h, w), or differs from the background, `behind` (h, w), as the object.
+    `seen`, (h, w) each: log odds by motion, and by what differs from the background; bool, where a shadow came or went.
     """
     trimap = np.where(boxed, cv2.GC_PR_FGD, cv2.GC_BGD).astype(np.uint8)
-    if motion is not None and behind is not None:
+    if seen is not None:
+        motion, behind, relit = seen
         likely = (motion + behind > 0.0) & boxed
         if likely.sum() > max(MOVES * boxed.sum(), LEAST_PIXELS):
-            if boxed.sum() < FEW:
-                return likely
             trimap[boxed & ~likely] = cv2.GC_PR_BGD
-            trimap[boxed & (behind < -1.0) & (motion <= 0.0)] = cv2.GC_BGD
+            # Of what changes, only a shadow is surely no object: where a path is short, the median shows the object itself. Blurred rims
+            # look like shadows, but are narrow.
+            shadow = cv2.morphologyEx((relit & (behind < -1.0)).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)) > 0
+            trimap[boxed & (behind < -1.0) & ((motion < 0.0) | shadow & (motion <= 0.0))] = cv2.GC_BGD
             # Where both agree, colours are not asked; gaps narrower than a codec's blocks are closed.
             closed = cv2.morphologyEx((behind > 0.0).astype(np.uint8), cv2.MORPH_CLOSE, np.ones((9, 9), np.uint8)) > 0
             shade = cv2.morphologyEx((behind < 0.0).astype(np.uint8), cv2.MORPH_OPEN, np.ones((5, 5), np.uint8)) > 0

@@ -9,8 +9,7 @@ import numpy as np
 from ..background import Plate
 from ..carried import Carried
 from ..cutting import enclosed, grown, hanging_on
-from ..evidence import Colors
-from ..from_box import FEW
+from ..evidence import FEW, Colors
 from ..motion import Flow, Window, cut, joined, paste, placed, window_of, within
 from .in_box import NEARBY, Moving, left
 
