@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
 from scenes import noise
 
 from seeing_wind.engine.observe.clip.camera import find_camera
-from seeing_wind.engine.observe.clip.stillness import stands_still
+from seeing_wind.engine.observe.clip.stillness import contradicted, stands_still
 from seeing_wind.engine.progress import NoProgress
 from seeing_wind.engine.settings import ObserveSettings
 
@@ -69,3 +71,15 @@ def test_one_large_thing_that_moves_has_no_more_say_than_its_place(width: int) -
         frames.append(frame)
     seen = np.clip(np.round(np.stack(frames) + rng.normal(0, 1.0, (COUNT, HEIGHT, WIDTH, 3))), 0, 255).astype(np.uint8)
     assert stands_still(seen, CAMERA, NOWHERE)
+
+
+def test_a_path_that_the_frames_contradict_is_said() -> None:
+    path = np.tile(CAMERA.pose(0), (COUNT, 1, 1))
+    path[:, 0, 3] += 0.01 * np.arange(COUNT)
+    moving, still = replace(CAMERA, camera_to_world=path), leaves(np.zeros((COUNT, 2)))
+    pixels = 0.01 * CAMERA.fx * np.arange(COUNT)
+    said = contradicted(still, moving, NOWHERE, 1.0)
+    assert said is not None and f"by {pixels[-1]:.0f} px" in str(said)
+    filmed = leaves(np.round(np.stack([pixels, np.zeros(COUNT)], axis=1)))
+    assert contradicted(filmed, moving, NOWHERE, 1.0) is None
+    assert contradicted(still, CAMERA, NOWHERE, 1.0) is None, "a camera that says itself that it stands still"

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 
-from ...records import Camera
+from ...records import Camera, Doubt
 from .shake import surrounding_corners
 from .stored import Frames
 
 STILL = 1.5
 """Pixels by which corners of the surroundings may move for the camera to count as standing still; the plate bears as much."""
+
+CARRIED = 6.0
+"""Pixels by which a camera's path has to move what stands still to be told from its surroundings that stay: a solve is off by some."""
 
 STILL_PART = 0.3
 """Part of the corners that must stay: the rest may belong to other things that move, while a camera that moves carries all along."""
@@ -62,6 +67,29 @@ def stands_still(frames: Frames, camera: Camera, around: np.ndarray) -> bool:
                 return False
             moves[int(t)] = motion
     return not moves or _stays(frames, moves, around)
+
+
+def contradicted(frames: Frames, camera: Camera, around: np.ndarray, distance: float) -> Doubt | None:
+    """Said where the poses of `camera` carry what stands still across the view, while the surroundings stay where they are in the frames.
+
+    Args:
+        frames, around: as of `stands_still`.
+        distance: of the object [m]; what lies much farther away hardly shows that a camera travels.
+    """
+    if np.ndim(camera.camera_to_world) != 3:
+        return None
+    middle = np.array([camera.cx, camera.cy])
+    there = camera.unproject(middle, np.array(distance))
+    way = np.array([camera.project(there, t)[0] for t in range(len(frames))]) - middle
+    most = float(np.linalg.norm(way, axis=1).max())
+    if not most > CARRIED or not stands_still(frames, replace(camera, camera_to_world=camera.pose(0)), around):
+        return None
+    return Doubt(
+        1.3,
+        f"The camera's path carries what stands still by {most:.0f} px, but the surroundings do not move in the frames, so the object is "
+        "taken to move along with the camera.",
+        "Give the --camera of this clip, or none if it stood still. If all that is seen round it is far away, this may be right.",
+    )
 
 
 def _most_shared(here: np.ndarray, there: np.ndarray) -> np.ndarray | None:
