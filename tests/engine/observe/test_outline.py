@@ -54,12 +54,13 @@ def box_of(mask: np.ndarray, margin: float = 6.0) -> tuple[float, float, float, 
     return columns.min() - margin, rows.min() - margin, columns.max() + margin, rows.max() + margin
 
 
-@pytest.mark.parametrize("size", [20, 24])
-@pytest.mark.parametrize("count", [5, 6])
-def test_a_plain_thing_is_whole_though_its_path_is_hardly_longer_than_itself(tmp_path: Path, size: int, count: int) -> None:
-    frames, masks = np.full((count, 120, 200, 3), 90, np.uint8), np.zeros((count, 120, 200), bool)
+@pytest.mark.parametrize(
+    ("size", "count", "step"), [(20, 5, 4), (24, 6, 4), (30, 5, 60)], ids=["shorter path", "hardly longer path", "leaps twice its size"]
+)
+def test_a_plain_thing_is_whole_whatever_its_path(tmp_path: Path, size: int, count: int, step: int) -> None:
+    frames, masks = np.full((count, 120, 320, 3), 90, np.uint8), np.zeros((count, 120, 320), bool)
     for t in range(count):
-        masks[t, 40 : 40 + size, 20 + 4 * t : 20 + 4 * t + size] = True
+        masks[t, 40 : 40 + size, 20 + step * t : 20 + step * t + size] = True
     frames[masks] = 200
     write_video(tmp_path / "clip.avi", list(frames), 25.0)
     seen = observe(tmp_path / "clip.avi", ObserveSettings(box=box_of(masks[0], 4.0), distance=1.0), NoProgress())

@@ -17,6 +17,9 @@ from .rim import cut_back
 LOST = 0.3
 """A mask smaller than this part of what was expected means hidden or gone, and the shape seen last is kept for the search."""
 
+LEAP = 80.0
+"""Pixels up to which a small thing may move several of its own widths from frame 0 to the next."""
+
 WHOLE, SURELY = 0.9, 2.0
 """Part of the object's largest silhouette below which the rest of it is looked for, and its least log odds against the background."""
 
@@ -118,8 +121,8 @@ class MaskFollower:
 
     def _search(self, frame: np.ndarray) -> np.ndarray:
         size = float(np.sqrt(self._shape.part.sum()))
-        # Nothing is known of the first step; a small thing may leap several of its own widths, a large one only part of its own.
-        reach = max(24.0, 4.0 * size if size**2 < SMALL else 0.7 * size) if self._steps == 0 else max(12.0, 0.5 * size)
+        # Nothing is known of the first step; a large thing moves only part of its own width.
+        reach = max(24.0, min(4.0 * size, LEAP), 0.7 * size) if self._steps == 0 else max(12.0, 0.5 * size)
         if self.hidden:
             reach = max(reach, 1.5 * size) * (1 + min(self._missed, 4))
         return body_shift(self._template, self._shape.part, self._shape.window[:2], frame, self.velocity, min(reach, 200.0))
