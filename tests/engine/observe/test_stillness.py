@@ -83,3 +83,4 @@ def test_a_path_that_the_frames_contradict_is_said() -> None:
     filmed = leaves(np.round(np.stack([pixels, np.zeros(COUNT)], axis=1)))
     assert contradicted(filmed, moving, NOWHERE, 1.0) is None
     assert contradicted(still, CAMERA, NOWHERE, 1.0) is None, "a camera that says itself that it stands still"
+    assert contradicted(np.full_like(still, 120), moving, NOWHERE, 1.0) is None, "a plain wall tells nothing"

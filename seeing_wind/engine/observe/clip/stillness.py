@@ -82,7 +82,10 @@ def contradicted(frames: Frames, camera: Camera, around: np.ndarray, distance: f
     there = camera.unproject(middle, np.array(distance))
     way = np.array([camera.project(there, t)[0] for t in range(len(frames))]) - middle
     most = float(np.linalg.norm(way, axis=1).max())
-    if not most > CARRIED or not stands_still(frames, replace(camera, camera_to_world=camera.pose(0)), around):
+    still = replace(camera, camera_to_world=camera.pose(0))
+    # A plain wall looks alike wherever the camera is.
+    plain = surrounding_corners(cv2.cvtColor(frames[0], cv2.COLOR_RGB2GRAY), around, 8.0) is None
+    if not most > CARRIED or plain or not stands_still(frames, still, around):
         return None
     return Doubt(
         1.3,
