@@ -43,7 +43,7 @@ def mask_in_box(
         paste(motion, moving(near), (near[0] - window[0], near[1] - window[1], near[2] - window[0], near[3] - window[1]))
         seen = motion, left(frame, plate, window), plate.relit(frame, window)
     found = _begun(crop, boxed, seen, progress)
-    if found.sum() < LEAST_PIXELS and seen is not None:
+    if found.sum() < max(MOVES * boxed.sum(), LEAST_PIXELS) and seen is not None:
         # A box that GrabCut empties holds something too small or too alike: trust what changes.
         found = (seen[0] + seen[1] > 0.0) & boxed
     mask = np.zeros(inside.shape, bool)
