@@ -19,7 +19,7 @@ from ..job.take_reading import simulated_motion
 from ..scene_units import metres_per_unit
 from . import rigid as bake_rigid
 from .at_rest import at_rest
-from .motion import awake_on_top, bake_motion, baked_copy, clear_bake
+from .motion import allowed, awake_on_top, bake_motion, baked_copy, baked_frames, check_file, clear_bake
 from .plan import AUTO, TRANSFORM, Baked, Plan, mark_of, plan_of, stamp_of_bakes
 
 HIDDEN = "seeing_wind_replaced"
@@ -43,6 +43,15 @@ def bake_body(
         TakeError: when the re-simulation has no such body, or the object is gone.
         UsageError: as `bake_motion`.
     """
+    source, vertices, plan = _asked(scene, body, folder, plan, force)
+    obj = _carrier(scene, body, source, vertices, plan)
+    return obj, bake_motion(obj, vertices, plan, scene)
+
+
+def _asked(
+    scene: bpy.types.Scene, body: bpy.types.PropertyGroup, folder: Path, plan: Plan, force: bool
+) -> tuple[bpy.types.Object, np.ndarray, Plan]:
+    """Whose motion it is, its vertices (T+1, V, 3) in the world [m], and the whole plan. Arguments and errors as of `bake_body`."""
     take, settings = Take(folder), scene.seeing_wind
     arrays = simulated_motion(take, body.result)
     vertices, fps = arrays["vertices"] + np.asarray(settings.offset), float(arrays["fps"])
@@ -53,8 +62,17 @@ def bake_body(
     plan = dataclasses.replace(plan, fps=fps, cache=take.file(f"bodies/{body.result}"), smooth=smooth)
     if not force:
         plan = dataclasses.replace(plan, stamp=_stamp(vertices, plan, metres_per_unit(scene), stamp_of_bakes(scene)))
-    obj = _carrier(scene, body, source, vertices, plan)
-    return obj, bake_motion(obj, vertices, plan, scene)
+    return source, vertices, plan
+
+
+def _refuse_what_fails(scene: bpy.types.Scene, body: bpy.types.PropertyGroup, folder: Path, plan: Plan) -> None:
+    """Raise what `bake_body` would, before any body has changed: an error in the second leaves the first as it was, too."""
+    source, vertices, plan = _asked(scene, body, folder, plan, force=True)
+    if not body.is_recovered and _fits(source, vertices, plan):
+        allowed(source, vertices, plan, scene)
+    else:  # a copy is made for it
+        baked_frames(len(vertices), plan, scene)
+        check_file(plan)
 
 
 def clear_body(scene: bpy.types.Scene, body: bpy.types.PropertyGroup) -> bool:
@@ -178,6 +196,8 @@ def bake_bodies(
     if missing:
         raise TakeError(f"{folder} holds no motion of {', '.join(missing)}.", "Run Re-simulate again.")
     plan = dataclasses.replace(plan_of(scene), preview=preview)
+    for body in chosen:
+        _refuse_what_fails(scene, body, folder, plan)
     done = [bake_body(scene, body, folder, plan, force) for body in chosen]
     if len(chosen) == len(bodies):
         settings.baked_digest = (settings.coarse_digest if preview else settings.simulated_digest) + stamp_of_bakes(scene)

@@ -43,14 +43,9 @@ def bake_motion(obj: bpy.types.Object, vertices: np.ndarray, plan: Plan, scene: 
     """
     scene = scene or bpy.context.scene
     vertices = np.asarray(vertices, dtype=np.float64)
-    _check_motion(obj, vertices)
-    chosen, frames = _baked_frames(len(vertices), plan, scene)
-    fit = bake_rigid.rigid_fit(vertices)
-    way = way_for(obj, fit, vertices[chosen], plan, scene)
-    if plan.stamp and is_intact(obj) and mark_of(obj)["stamp"] == plan.stamp:
+    chosen, frames, fit, way = allowed(obj, vertices, plan, scene)
+    if _has(obj, plan.stamp):
         return Baked(mark_of(obj)["way"], len(chosen), fit.residual, kept=True)
-    if way != TRANSFORM:
-        _check_mesh(obj, vertices.shape[1])
     on_top = awake_on_top(obj)
     record: dict[str, Any] = {"way": way, "stamp": plan.stamp, "preview": plan.preview, "slept": []}
     if way == TRANSFORM:
@@ -75,6 +70,19 @@ def bake_motion(obj: bpy.types.Object, vertices: np.ndarray, plan: Plan, scene: 
             raise
     obj[MARK] = json.dumps(record)
     return Baked(way, len(chosen), fit.residual)
+
+
+def allowed(
+    obj: bpy.types.Object, vertices: np.ndarray, plan: Plan, scene: bpy.types.Scene
+) -> tuple[np.ndarray, np.ndarray, bake_rigid.RigidFit, str]:
+    """What `bake_motion` would do: clip frames and scene frames of the keys, the nearest rigid motion, and the way. Raises as it does."""
+    _check_motion(obj, vertices)
+    chosen, frames = baked_frames(len(vertices), plan, scene)
+    fit = bake_rigid.rigid_fit(vertices)
+    way = way_for(obj, fit, vertices[chosen], plan, scene)
+    if way != TRANSFORM and not _has(obj, plan.stamp):
+        _check_mesh(obj, vertices.shape[1])
+    return chosen, frames, fit, way
 
 
 def bake_shape_keys(
@@ -188,6 +196,11 @@ def _check_mesh(obj: bpy.types.Object, simulated: int) -> None:
         raise UsageError(f"{obj.name} has {count} vertices, the simulation {simulated}.", hint)
 
 
+def _has(obj: bpy.types.Object, stamp: str) -> bool:
+    """Whether an object has the very bake of that stamp already."""
+    return bool(stamp) and is_intact(obj) and mark_of(obj)["stamp"] == stamp
+
+
 def _edges(obj: bpy.types.Object) -> np.ndarray:
     """(E, 2) of an object's mesh."""
     found = np.empty(2 * len(obj.data.edges), dtype=np.int32)
@@ -195,8 +208,8 @@ def _edges(obj: bpy.types.Object) -> np.ndarray:
     return found.reshape(-1, 2)
 
 
-def _baked_frames(count: int, plan: Plan, scene: bpy.types.Scene) -> tuple[np.ndarray, np.ndarray]:
-    """Indices of the clip frames to bake, and their scene frames."""
+def baked_frames(count: int, plan: Plan, scene: bpy.types.Scene) -> tuple[np.ndarray, np.ndarray]:
+    """Indices of the clip frames to bake, and their scene frames. UsageError for a range without two of them."""
     stride = scene.render.fps / scene.render.fps_base / plan.fps if plan.frames_follow_time else 1.0
     frames = plan.frame_start + stride * np.arange(count)
     if plan.frames is None:
@@ -224,16 +237,21 @@ def way_for(obj: bpy.types.Object, fit: bake_rigid.RigidFit, vertices: np.ndarra
                 f"{obj.name} does not stay rigid: it bends by {share:.2g} % of its size.", "Bake it to shape keys, or allow more."
             )
         return TRANSFORM
-    for kind, here in ((ALEMBIC, bpy.app.build_options.alembic), (USD, bpy.app.build_options.usd)):
-        if plan.way == kind and not here:
-            raise UsageError(f"This build of Blender has no {kind.title() if kind == ALEMBIC else kind}.", "Bake to a point cache (PC2).")
-    if plan.way in (POINT_CACHE, ALEMBIC, USD) and plan.cache is None:
-        raise UsageError("There is no place for a point cache.", "Save the file first, or choose a folder for the take.")
+    check_file(plan)
     if plan.way != AUTO:
         return plan.way
     if rigid and not obstacle:
         return TRANSFORM
     return POINT_CACHE if vertices.size * 4 > LARGE and plan.cache is not None else SHAPE_KEYS
+
+
+def check_file(plan: Plan) -> None:
+    """UsageError where a motion is to go into a file that this build of Blender cannot write, or that has no place."""
+    for kind, here in ((ALEMBIC, bpy.app.build_options.alembic), (USD, bpy.app.build_options.usd)):
+        if plan.way == kind and not here:
+            raise UsageError(f"This build of Blender has no {kind.title() if kind == ALEMBIC else kind}.", "Bake to a point cache (PC2).")
+    if plan.way in (POINT_CACHE, ALEMBIC, USD) and plan.cache is None:
+        raise UsageError("There is no place for a point cache.", "Save the file first, or choose a folder for the take.")
 
 
 def _put_to_sleep(obj: bpy.types.Object, on_top: list[str]) -> list[list[Any]]:

@@ -52,7 +52,7 @@ class SEEING_WIND_OT_choose_clip(DirectOperator, bpy.types.Operator):
             clip = getattr(context.space_data, "clip", None) or scene.active_clip
             if clip is None:
                 raise ClipError("The scene has no active movie clip.", "Open one in the Movie Clip Editor, or choose a file.")
-            path = clip.filepath
+            path = absolute(clip.filepath, clip.library)
         if not path:
             raise ClipError("No clip is chosen.", "Choose a video of something that is moved by forces.")
         another = absolute(path) != absolute(settings.clip) and not follow_moved(settings, absolute(path))
@@ -139,7 +139,7 @@ def _show(scene: bpy.types.Scene, clip: bpy.types.MovieClip, parts: frozenset[st
     }  # fmt: skip
     last = settings.frames[1] if settings.use_frames else clip.frame_duration - 1 + clip.frame_offset
     fps = settings.fps or clip.fps or scene.render.fps / scene.render.fps_base
-    setup_clip_scene(scene, bpy.path.abspath(clip.filepath), camera, fps, first, max(last - first, 1), settings.frame_start, parts)
+    setup_clip_scene(scene, absolute(clip.filepath, clip.library), camera, fps, first, max(last - first, 1), settings.frame_start, parts)
 
 
 class SEEING_WIND_FH_clip(bpy.types.FileHandler):

@@ -199,7 +199,7 @@ def end(status: SceneStatus) -> None:
     """The job is over, whatever came of it: nothing is ever left running."""
     for step in status.steps.values():
         if step.state == State.RUNNING:
-            step.state, step.fraction = State.IDLE, 0.0
+            step.state, step.fraction, step.message = State.IDLE, 0.0, ""
     status.running, status.cancelling, status.title = "", False, ""
 
 

@@ -117,6 +117,25 @@ def test_boxes_on_the_screen_and_in_the_frame() -> None:
     assert outside == (0.0, 0.0, WIDTH - 1.0, HEIGHT - 1.0)
 
 
+@pytest.mark.parametrize("active", [True, False])
+def test_a_clip_linked_from_a_file_of_another_folder_is_chosen(settings, video, tmp_path, active: bool) -> None:
+    (tmp_path / "library").mkdir()
+    moved, library = tmp_path / "library" / "own.mp4", tmp_path / "library" / "clips.blend"
+    moved.write_bytes(video.read_bytes())
+    clip = bpy.data.movieclips.load(str(moved))
+    clip.filepath = "//own.mp4"
+    bpy.data.libraries.write(str(library), {clip}, path_remap="NONE")
+    bpy.data.movieclips.remove(clip)
+    with bpy.data.libraries.load(str(library), link=True) as (_, into):
+        into.movieclips = ["own.mp4"]
+    scene, linked = bpy.context.scene, into.movieclips[0]
+    scene.active_clip = linked
+    assert linked.library is not None and linked.filepath == "//own.mp4"
+    assert bpy.ops.seeing_wind.choose_clip(**({"active": True} if active else {"filepath": str(moved)})) == {"FINISHED"}
+    assert settings.clip == str(moved) and list(bpy.data.movieclips) == [linked]
+    assert scene.camera.data.background_images[0].clip == linked and scene.frame_start == linked.frame_start
+
+
 def test_choosing_a_clip_shows_it_and_keeps_its_place_in_time(settings, video) -> None:
     scene = bpy.context.scene
     settings.clip = ""

@@ -20,7 +20,7 @@ from seeing_wind.ui.edit.resimulate import edit_export
 from seeing_wind.ui.job.panel_pieces import draw_job
 from tests.ui.drawn import Drawn
 from tests.ui.edit.edits import state, written
-from tests.ui.meshes import cube, group, shown
+from tests.ui.meshes import cube, group, held_cube, shown
 
 
 def test_the_engine_reads_what_the_panel_says(workplace, recovered) -> None:
@@ -282,6 +282,27 @@ def test_an_object_in_edit_mode_is_simulated_as_it_is_and_baked_later(workplace,
     bpy.ops.object.mode_set(mode="OBJECT")
     bpy.ops.seeing_wind.bake()
     assert is_intact(obj)
+
+
+def test_no_body_is_baked_where_one_of_them_cannot_be(workplace, recovered) -> None:
+    first, second = held_cube("First"), cube("Second", (1.0, 0.0, 0.0))
+    bpy.ops.seeing_wind.insert_mesh(object="First", pin_group="Top")
+    bpy.ops.seeing_wind.insert_mesh(object="Second")
+    bpy.ops.seeing_wind.resimulate()
+    bpy.context.view_layer.objects.active = second
+    bpy.ops.object.mode_set(mode="EDIT")
+    with pytest.raises(RuntimeError, match="Second is in Edit Mode"):
+        bpy.ops.seeing_wind.bake()
+    assert mark_of(first) is None and first.data.shape_keys is None, "an operator that was refused has no undo step"
+    bpy.ops.object.mode_set(mode="OBJECT")
+    with pytest.raises(RuntimeError, match="First does not stay rigid"):
+        bpy.ops.seeing_wind.bake(way="TRANSFORM")
+    second.modifiers.new("More Vertices", "SUBSURF")
+    bpy.ops.object.modifier_add(type="TRIANGULATE")
+    bpy.ops.seeing_wind.resimulate()
+    with pytest.raises(RuntimeError, match="hold 0 of the simulated frames"):
+        bpy.ops.seeing_wind.bake(object="Second", way="SHAPE_KEYS", frames=(500, 600))
+    assert not second.hide_render and "Second Simulated" not in bpy.data.objects, "no copy stands in for it without a motion"
 
 
 def test_what_makes_no_sense_is_refused(workplace, recovered) -> None:

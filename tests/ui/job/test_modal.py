@@ -132,6 +132,25 @@ def test_a_cancelled_job_says_that_it_goes_on(workplace, scene, windowed, monkey
     assert "goes on from what was finished" in now(scene)["recover"].message and scene.seeing_wind.unfinished == ""
 
 
+def test_a_scene_deleted_while_it_runs_ends_its_worker_and_comes_back_idle(workplace, scene, windowed, monkeypatch) -> None:
+    monkeypatch.setenv("SEEING_WIND_FAKE", "hang")
+    bpy.data.scenes.new("Other")
+    bpy.ops.ed.undo_push(message="Two scenes")
+    window, operator = Window(scene), Modal(worker_job(workplace))
+    operator.execute(window)
+    while now(scene)["recover"].fraction == 0.0:
+        operator.modal(window, Event)
+        time.sleep(0.01)
+    process = job_operator.jobs[scene.session_uid].messages.gi_frame.f_locals["process"]
+    bpy.ops.scene.delete()
+    bpy.ops.ed.undo_push(message="Delete")
+    assert step_until_over(operator, window) == {"CANCELLED"} and window.timers == 0
+    assert process.poll() is not None and not job_operator.jobs
+    bpy.ops.ed.undo()
+    again = now(bpy.data.scenes["Scene"])["recover"]
+    assert (again.state, again.message) == ("idle", ""), "not how far it once was"
+
+
 def test_modal_driver_runs_to_the_end_without_blocking(workplace, scene, windowed, monkeypatch) -> None:
     window, operator = Window(scene), Modal(worker_job(workplace))
     assert operator.execute(window) == {"RUNNING_MODAL"}
