@@ -87,3 +87,14 @@ def test_every_room_has_a_map_that_names_all_in_it() -> None:
         if missing or not text:
             unnamed.append(f"{room.relative_to(ROOT)}/__init__.py says nothing of {', '.join(missing) or 'what it is'}")
     assert not unnamed
+
+
+def test_a_quantity_is_told_by_in_units() -> None:
+    told = re.compile(r":(\.\d)?g\} ?(Pa|mm|kg|m²|m³|kg/m²|N m|m)(?![\w/²³])")
+    found = [
+        f"{path.relative_to(ROOT)}: {line.strip()}"
+        for path in sorted(PACKAGE.rglob("*.py"))
+        for line in path.read_text(encoding="utf-8").splitlines()
+        if told.search(line)
+    ]
+    assert not found, "0.00112 kg and 2e+07 Pa are no words for a person: " + "; ".join(found)

@@ -24,7 +24,11 @@ LINE = np.array([[-1.60, 1.40, 0.28], [1.40, -0.46, 0.14]])
 """The ends of the washing line, right of, behind and above the leaf's first place [m]: beyond both sides of the frame, and askew, since
 cloth along the frame would hide how the wind, which blows across it, bellies it out."""
 TOWEL, NAPKIN = (0.27, 0.36), (0.20, 0.20)
-"""Width and height of what hangs there [m],"""
+"""Width and height of what hangs there [m];"""
+OVER = 0.05
+"""So much of the towel is turned over the line [m];"""
+TOWEL_FOLDS, NAPKIN_FOLDS = (0.13, 0.18), (0.12, 0.10)
+"""length [m] and slack of their folds: the edge sags between two pegs, and a fold runs down from there, which wind alone does not raise;"""
 TOWEL_AT, NAPKIN_AT = 0.56, 0.88
 """how far to the right,"""
 TEA_TOWEL, LINEN = 1.7, 1.5
@@ -34,7 +38,7 @@ POSTS = np.array([[-1.55, 4.5, 1.78], [2.75, 5.2, 1.74]])
 """Where a second line is tied to two posts in the meadow [m, world]: in the frame, feet and shadows, too, since what stands nowhere is
 seen to be put in."""
 SHEETS = (
-    ("Sheet", -0.62, (1.60, 1.28), 6, (0.93, 0.93, 0.91), (0.42, 0.55, 0.76)),
+    ("Sheet", -0.62, (1.60, 1.28), 6, (0.95, 0.90, 0.81), (0.60, 0.60, 0.64)),
     ("Pillowcase", 2.0, (0.5, 0.74), 3, (0.92, 0.87, 0.76), (0.74, 0.50, 0.30)),
 )
 """What hangs there: how far to the right [m, world], width and height [m], pegs, and its colours;"""
@@ -138,9 +142,12 @@ def insert_washing(scene) -> None:
     hang_line(*line)
     towel = woven(TOWEL, (0.93, 0.91, 0.86), (0.22, 0.35, 0.56), 3, checked=False)
     napkin = woven(NAPKIN, (0.92, 0.88, 0.83), (0.70, 0.24, 0.21), 4, checked=True)
-    hung = (("Towel", TOWEL_AT, TOWEL, 3, towel, TEA_TOWEL), ("Napkin", NAPKIN_AT, NAPKIN, 2, napkin, LINEN))
-    for name, x, size, pegs, texture, mass in hung:
-        hang_cloth(name, *place_on(*line, leaf[0] + x), size, pegs, texture)
+    hung = (
+        ("Towel", TOWEL_AT, TOWEL, 3, towel, TOWEL_FOLDS, OVER, TEA_TOWEL),
+        ("Napkin", NAPKIN_AT, NAPKIN, 2, napkin, NAPKIN_FOLDS, 0.0, LINEN),
+    )
+    for name, x, size, pegs, texture, folds, over, mass in hung:
+        hang_cloth(name, *place_on(*line, leaf[0] + x), size, pegs, texture, folds=folds, over=over)
         done(bpy.ops.seeing_wind.insert_mesh(object=name, material="cotton"))
         done(bpy.ops.seeing_wind.pin_vertices(object=name, vertex_group="Held"))
         done(bpy.ops.seeing_wind.scale_mass(object=name, factor=mass))
@@ -155,7 +162,7 @@ def set_yard() -> None:
         set_post(f"Post {number}", top)
     for name, x, size, pegs, ground, stripe in SHEETS:
         texture = woven(size, ground, stripe, 5, checked=False, fine=SOFT)
-        hang_cloth(name, *place_on(*POSTS, x), size, pegs, texture, COARSE, FULL_FOLDS, STORM_PEG, PLASTIC)
+        hang_cloth(name, *place_on(*POSTS, x), size, pegs, texture, COARSE, FULL_FOLDS, peg_size=STORM_PEG, peg_colours=PLASTIC)
         done(bpy.ops.seeing_wind.insert_mesh(object=name, material="cotton", pin_group="Held"))
         done(bpy.ops.seeing_wind.scale_mass(object=name, factor=BED_LINEN))
 
@@ -245,7 +252,7 @@ def leaf_material(name: str, texture: Path, tones: bool = False) -> bpy.types.Ma
     seen = add("Mix", {0: back, 6: colour, 7: pale}, data_type="RGBA").outputs[2]
     front = add("BsdfPrincipled", {"Base Color": seen, "Roughness": 0.62, "Specular IOR Level": 0.25, "Normal": bump})
     behind = add("BsdfTranslucent", {0: colour, "Normal": bump})
-    both = add("MixShader", {0: 0.25, 1: front.outputs[0], 2: behind.outputs[0]})
+    both = add("MixShader", {0: 0.45, 1: front.outputs[0], 2: behind.outputs[0]})
     material.node_tree.links.new(both.outputs[0], material.node_tree.nodes["Material Output"].inputs["Surface"])
     return material
 

@@ -19,6 +19,8 @@ POST = 0.045
 """Radius of a post [m]."""
 WAVE, SLACK = 0.15, 0.05
 """Length of the folds in which it is hung [m], and by how much more cloth there is than line between its pegs."""
+BEHIND = 0.006
+"""So far is what is turned over the line behind the rest of a cloth [m]."""
 WOOD = ((0.42, 0.27, 0.14),)
 """Colours of the pegs, linear."""
 THROUGH = 0.42
@@ -81,23 +83,26 @@ def set_post(name: str, top: np.ndarray) -> bpy.types.Object:
 
 def hang_cloth(
     name: str, at: np.ndarray, along: np.ndarray, size: tuple[float, float], pegs: int, texture: np.ndarray, cell: float = CELL,
-    folds: tuple[float, float] = (WAVE, SLACK), peg_size: tuple[float, float, float] = PEG,
+    folds: tuple[float, float] = (WAVE, SLACK), over: float = 0.0, peg_size: tuple[float, float, float] = PEG,
     peg_colours: Sequence[tuple[float, float, float]] = WOOD,
 ) -> bpy.types.Object:  # fmt: skip
-    """A cloth that hangs in folds from so many pegs, its upper edge along a line through `at`, see `place_on`; what the pegs bite is the
-    vertex group "Held".
+    """A cloth that hangs in folds from so many pegs on a line through `at`, see `place_on`; what the pegs bite is the vertex group "Held".
 
     Args:
         size: width and height [m].
         texture: as of `woven`.
         cell: edge of a face [m].
         folds: their length [m] and slack, as `WAVE` and `SLACK`.
+        over: how much of its height is turned over the line and hangs behind [m].
         peg_size, peg_colours: as `PEG` and `WOOD`; one after the other.
     """
     rng = np.random.default_rng(SEED)
     wave, slack = folds
     count = [round(side / cell) + 1 for side in size]
-    s, down = np.meshgrid(np.linspace(-0.5, 0.5, count[0]) * size[0], np.linspace(0.0, size[1], count[1]))
+    # from its upper edge, which is behind the line if it is turned over it, to the lower one in front
+    rows = round(over / cell)
+    s, row = np.meshgrid(np.linspace(-0.5, 0.5, count[0]) * size[0], np.arange(count[1]))
+    down = (row - rows) * (size[1] / (count[1] - 1))
     # as long as it is along the folds, and pegs that far apart
     slope = 2.0 * np.sqrt(1.0 / (1.0 - slack) - 1.0)
     turn = 2.0 * np.pi / wave
@@ -105,11 +110,11 @@ def hang_cloth(
     askew = 0.12 * down * rng.uniform(0.5, 1.0) + 0.01 * np.sin(9.0 * down + rng.uniform(0.0, 6.0))
     fold = slope / turn * np.sin(turn * (s + askew) + rng.uniform(0.0, 6.0))
     axes = np.array([along, [-along[1], along[0], 0.0], [0.0, 0.0, 1.0]])
-    vertices = np.stack([(1.0 - slack) * s, fold, -down], -1) @ axes + at
+    vertices = np.stack([(1.0 - slack) * s, fold + np.where(down < 0.0, BEHIND, 0.0), -np.abs(down)], -1) @ axes + at
     bites = np.linspace(INSET - 0.5 * size[0], 0.5 * size[0] - INSET, pegs)
     near = np.abs(s[..., None] - bites) < max(BITE, 0.51 * cell)
-    near &= (down < 1.5 * cell)[..., None]
-    u, v = s / size[0] + 0.5, 1.0 - down / size[1]
+    near &= (np.abs(down) < 1.5 * cell)[..., None]
+    u, v = s / size[0] + 0.5, 1.0 - row / (count[1] - 1)
     cloth = mesh_of_rows(name, vertices, u, v)
     cloth.data.materials.append(cotton(name, texture))
     cloth.vertex_groups.new(name="Held").add(np.flatnonzero(near.any(axis=-1)).tolist(), 1.0, "REPLACE")

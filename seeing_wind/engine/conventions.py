@@ -30,6 +30,7 @@ of cores ask for is no such number; it stands where it is used.
 
 from __future__ import annotations
 
+import math
 import re
 from bisect import bisect_right
 from dataclasses import field
@@ -128,7 +129,39 @@ def constant(value: Any, unit: str, reason: str, source: str) -> Any:
     return field(default=value, metadata={"unit": unit, "reason": reason, "source": source})
 
 
+SCALES = {
+    "m": ((1e-3, "mm"), (1.0, "m"), (1e3, "km")),
+    "m²": ((1e-4, "cm²"), (1.0, "m²")),
+    "m³": ((1e-6, "cm³"), (1e-3, "l"), (1.0, "m³")),
+    "kg": ((1e-6, "mg"), (1e-3, "g"), (1.0, "kg")),
+    "kg/m²": ((1e-3, "g/m²"), (1.0, "kg/m²")),
+    "Pa": ((1.0, "Pa"), (1e3, "kPa"), (1e6, "MPa"), (1e9, "GPa")),
+    "N m": ((1e-6, "µN m"), (1e-3, "mN m"), (1.0, "N m")),
+}
+"""In which units a person is told a quantity: each over that of SI, and its name."""
+PLAIN = (1e-9, 1e15)
+"""Numbers outside are written with a power of ten."""
+
+
+def in_figures(value: float, figures: int = 3) -> str:
+    """A number with so many figures for a person: without a power of ten or trailing zeros."""
+    rounded = float(f"{value:.{figures}g}")
+    if rounded == 0.0 or not PLAIN[0] <= abs(rounded) < PLAIN[1]:
+        return f"{rounded:g}"
+    decimals = max(figures - 1 - math.floor(math.log10(abs(rounded))), 0)
+    text = f"{rounded:,.{decimals}f}" if abs(rounded) >= 1e5 else f"{rounded:.{decimals}f}"
+    return text.rstrip("0").rstrip(".") if "." in text else text
+
+
+def in_units(value: float, unit: str, figures: int = 3) -> str:
+    """A quantity in `unit` for a person, in the unit of its own size: 0.00112 kg are 1.12 g. See `SCALES`; other units stay."""
+    scales, size = SCALES.get(unit, ()), abs(float(f"{value:.{figures}g}"))
+    if size == 0.0 or not math.isfinite(size) or not scales:
+        return f"{in_figures(value, figures)} {unit}"
+    scale, word = next((each for each in reversed(scales) if size >= each[0]), scales[0])
+    return f"{in_figures(value / scale, figures)} {word}"
+
+
 def weight_in_words(areal_density: float, area: float) -> str:
-    """Areal density [kg/m²] and mass of a sheet of `area` [m²], for a person, in grams where that is less than a kilogram."""
-    mass = areal_density * area
-    return f"{float(f'{1e3 * areal_density:.3g}'):g} g/m², " + (f"{1e3 * mass:.3g} g" if mass < 0.9995 else f"{mass:.3g} kg")
+    """Areal density [kg/m²] and mass of a sheet of `area` [m²], for a person."""
+    return f"{in_units(areal_density, 'kg/m²')}, {in_units(areal_density * area, 'kg')}"

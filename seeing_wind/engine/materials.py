@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from .conventions import constant, lame
+from .conventions import constant, in_figures, in_units, lame
 from .errors import MaterialError
 
 LAWS = ("neo_hookean", "corotated", "von_mises", "viscoplastic")
@@ -132,7 +132,8 @@ class Sheet:
         for key, unit in SHEET_UNITS.items():
             value = getattr(self, key)
             if not (math.isfinite(value) and value > 0.0):
-                raise MaterialError(f"The {key.replace('_', ' ')} of a sheet is {value:g} {unit}.", "Give a finite number above zero.")
+                what = key.replace("_", " ")
+                raise MaterialError(f"The {what} of a sheet is {in_units(value, unit)}.", "Give a finite number above zero.")
         if not 0.0 <= self.loss_factor <= MOST_LOSS:
             raise MaterialError(f"The loss factor of a sheet is {self.loss_factor:g}.", f"Give from zero to {MOST_LOSS:g}.")
         if not 0.0 <= self.poisson_ratio < 0.5:
@@ -255,7 +256,8 @@ def _check(material: Material) -> None:
         ("Young's modulus", material.youngs_modulus, "Pa", MODULI),
     ):
         if not least <= value <= most:
-            raise MaterialError(f"{what} of {material.name} is {value:g} {unit}.", f"Give one from {least:g} to {most:g} {unit}.")
+            hint = f"Give one from {in_units(least, unit)} to {in_units(most, unit)}."
+            raise MaterialError(f"{what} of {material.name} is {in_units(value, unit)}.", hint)
     if not -1.0 < material.poisson_ratio < 0.5:
         raise MaterialError(
             f"Poisson's ratio of {material.name} is {material.poisson_ratio:g}.",
@@ -263,8 +265,9 @@ def _check(material: Material) -> None:
         )
     if not (0.0 <= material.yield_stress <= MODULI[1] and 0.0 <= material.viscosity <= MODULI[1]):
         raise MaterialError(
-            f"Yield stress or viscosity of {material.name} is {material.yield_stress:g} Pa or {material.viscosity:g} Pa s.",
-            f"Give from zero to {MODULI[1]:g}.",
+            f"Yield stress or viscosity of {material.name} is {in_units(material.yield_stress, 'Pa')} or "
+            f"{in_figures(material.viscosity)} Pa s.",
+            f"Give from zero to {in_units(MODULI[1], 'Pa')}.",
         )
     if not 0.0 <= material.loss_factor <= MOST_LOSS:
         raise MaterialError(f"The loss factor of {material.name} is {material.loss_factor:g}.", f"Give from zero to {MOST_LOSS:g}.")

@@ -11,6 +11,7 @@ from enum import StrEnum
 
 import numpy as np
 
+from .conventions import in_units
 from .masks import Masks
 from .materials import Material as Material
 from .materials import Sheet
@@ -358,5 +359,5 @@ def as_found(material: Material, recovery: Recovery) -> Material:
     """`material` with the stiffness that the recovery found for the body: its field belongs to that one."""
     if recovery.youngs_modulus is None:
         return material
-    source = f"{material.source}; Young's modulus: found from the motion, given {material.youngs_modulus:g} Pa"
+    source = f"{material.source}; Young's modulus: found from the motion, given {in_units(material.youngs_modulus, 'Pa')}"
     return replace(material, youngs_modulus=recovery.youngs_modulus, source=source)

@@ -6,6 +6,7 @@ No postponed annotations here, as in the files that use it.
 import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, StringProperty
 
+from ..engine.conventions import in_units
 from ..engine.materials import MATERIALS
 from .job import status
 
@@ -29,7 +30,7 @@ def _material_items() -> list[tuple[str, str, str, int]]:
         if name in HEADINGS:
             items.append(("", HEADINGS[name], "", 0))
         title = name.upper() if name in SHORT_FOR else name.replace("_", " ").title()
-        said = f"{m.law.replace('_', ' ')}, {m.density:g} kg/m³, Young's modulus {m.youngs_modulus:.3g} Pa. {m.source}"
+        said = f"{m.law.replace('_', ' ')}, {m.density:g} kg/m³, Young's modulus {in_units(m.youngs_modulus, 'Pa')}. {m.source}"
         items.append((name, title, said, number))
     return items
 

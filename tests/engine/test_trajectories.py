@@ -109,7 +109,7 @@ def test_what_is_assumed_or_contradicts_itself_is_told(tmp_path: Path) -> None:
     lacking, weightless = read_trajectories(write(tmp_path / "t.npz", E=1e4)).notes
     assert "rho (300 kg/m³), nu (0.3)" in lacking and "proportional to the density" in lacking and "no gravity" in weightless
     fixed = np.arange(27) < 5
-    assert any("held move by up to 2.1e+02 mm" in note for note in read_trajectories(write(tmp_path / "t.npz", fixed=fixed)).notes)
+    assert any("held move by up to 210 mm" in note for note in read_trajectories(write(tmp_path / "t.npz", fixed=fixed)).notes)
     seen = np.arange(6)[:, None] < np.where(fixed, 3, 6)  # what held particles did unseen is not known
     source = read_trajectories(write(tmp_path / "t.npz", x=np.where(seen[..., None], FALL, np.nan), visible=seen, fixed=fixed))
     assert any("held move by up to 34 mm" in note for note in source.notes)

@@ -11,7 +11,7 @@ from typing import ClassVar, Self
 import numpy as np
 from safetensors.numpy import save
 
-from ..conventions import FARTHEST, FRAME_RATES
+from ..conventions import FARTHEST, FRAME_RATES, in_units
 from ..errors import TakeError, UsageError
 
 VERSION = 2
@@ -45,7 +45,7 @@ class ForceField(ABC):
         if self.box.shape != (2, 3) or not np.isfinite(self.box).all() or (self.box[1] <= self.box[0]).any():
             raise UsageError("A field's box must be two corners (2, 3) in metres, the lower one first.", f"Got {np.asarray(box).tolist()}.")
         if np.abs(self.box).max() > FARTHEST:
-            raise UsageError(f"A field's box reaches {np.abs(self.box).max():.3g} m from the origin.", "Check the unit: metres.")
+            raise UsageError(f"A field's box reaches {in_units(np.abs(self.box).max(), 'm')} from the origin.", "Check the unit: metres.")
         if not FRAME_RATES[0] <= self.fps <= FRAME_RATES[1] or self.frames < 1:
             raise UsageError(
                 f"A field needs a camera's frame rate and at least one frame, not {fps} and {frames}.", "Recover it from a longer clip."

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..conventions import frame_named
+from ..conventions import frame_named, in_units
 from ..errors import MaterialError, SimulationError, UsageError
 from ..materials import adjust
 from ..records import Material, Particles
@@ -67,7 +67,8 @@ def _check_body(body: Particles, whose: str) -> None:
     empty = ~(np.isfinite(volume) & (volume > 0.0))
     if empty.any():
         particle = int(np.flatnonzero(empty)[0])
-        raise UsageError(f"The volume of particle {particle}{whose} is {volume.flat[particle]:g} m³.", "Give volumes above zero.")
+        size = in_units(volume.flat[particle], "m³")
+        raise UsageError(f"The volume of particle {particle}{whose} is {size}.", "Give volumes above zero.")
     positive(f"The spacing of the particles{whose}", body.spacing)
 
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..conventions import GRAVITY, lame
+from ..conventions import GRAVITY, in_figures, in_units, lame
 from ..errors import SimulationError
 from ..materials import LIMITS
 from ..records import Material, Particles
@@ -124,15 +124,16 @@ def _softer(part: Part, youngs_modulus: float, needed: int, allowed: int) -> str
     body, stuff, _ = part
     softer = stuff.youngs_modulus / youngs_modulus
     note = (
-        f"{stuff.name}: too stiff for the solver, so it is simulated {softer:.2g} times softer, with a Young's modulus of "
-        f"{youngs_modulus:.3g} Pa in place of {stuff.youngs_modulus:.3g} Pa (which would need {needed} substeps a frame; {allowed} are "
-        "allowed). "
+        f"{stuff.name}: too stiff for the solver, so it is simulated {in_figures(softer, 2)} times softer, with a Young's modulus of "
+        f"{in_units(youngs_modulus, 'Pa')} in place of {in_units(stuff.youngs_modulus, 'Pa')} (which would need {needed} substeps a "
+        f"frame; {allowed} are allowed). "
     )
     if not np.any(body.pinned):
         return note + "Nothing holds it, so it moves nearly as the real one does: nothing need be done, unless it is seen to bend."
     return note + (
-        f"It is held, so the forces that bend it are in proportion: about {1.0 / softer:.2g} of the real ones if they are recovered, while "
-        f"in an edit it bends {softer:.2g} times as far. Fewer particles allow more stiffness; what need not bend can be a collider."
+        f"It is held, so the forces that bend it are in proportion: about {in_figures(1.0 / softer, 2)} of the real ones if they are "
+        f"recovered, while in an edit it bends {in_figures(softer, 2)} times as far. Fewer particles allow more stiffness; what need not "
+        "bend can be a collider."
     )
 
 
@@ -171,9 +172,10 @@ def _check_reach(x: np.ndarray, dx: float) -> None:
     """SimulationError when a grid of spacing dx [m] around particles x (N, 3) [m] has too many nodes."""
     cells = np.floor(np.ptp(x, axis=0) / dx) + 4.0
     if np.prod(cells) > MOST_NODES or cells.max() > MOST_NODES_ACROSS:
+        reach = " x ".join(in_figures(size) for size in np.ptp(x, axis=0))
         raise SimulationError(
-            f"The bodies reach over {' x '.join(f'{size:.3g}' for size in np.ptp(x, axis=0))} m, {np.prod(cells):.2g} nodes of a grid "
-            f"{dx:.2g} m wide, more than {MOST_NODES:.1g} in all or {MOST_NODES_ACROSS} in a row.",
+            f"The bodies reach over {reach} m, {in_figures(np.prod(cells), 2)} nodes of a grid {in_units(dx, 'm', 2)} wide, more than "
+            f"{in_figures(MOST_NODES)} in all or {MOST_NODES_ACROSS} in a row.",
             "Bring them closer together, simulate those that cannot touch apart from each other, or use fewer particles.",
         )
 
@@ -186,15 +188,15 @@ def _checked_speed(speed: float, x: np.ndarray, path: np.ndarray | None, dx: flo
     Raises:
         SimulationError: where it crosses more than a cell in each of `max_substeps`.
     """
-    who = f"A body {np.ptp(x, axis=0).max():.2g} m large"
+    who = f"A body {in_units(np.ptp(x, axis=0).max(), 'm', 2)} large"
     if path is not None:
         pins = float(np.linalg.norm(np.diff(path, axis=0), axis=2).max()) / frame_dt
         speed, who = (pins, "A pinned particle") if pins > speed else (speed, who)
     needed = math.ceil(speed * frame_dt / dx)
     if needed > max_substeps:
         raise SimulationError(
-            f"{who} at {speed:.3g} m/s is too fast: in a frame it goes through {needed} cells of the solver's grid, {dx:.2g} m each, and "
-            f"{max_substeps} are allowed (one for each substep).",
+            f"{who} at {in_figures(speed)} m/s is too fast: in a frame it goes through {needed} cells of the solver's grid, "
+            f"{in_units(dx, 'm', 2)} each, and {max_substeps} are allowed (one for each substep).",
             "If it is not that small or not that fast, correct the distance or scale, or the frame rate; otherwise use fewer particles.",
             quantity="velocity",
         )

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .. import systems
+from ..conventions import in_units
 from ..materials import LIMITS
 from ..mpm.courant import substeps_of
 from ..progress import Journal, Progress, in_words
@@ -157,7 +158,7 @@ def _fit_field(
         refined = refine(field, recovery, particles, material, settings, progress, journal)
         field, seconds["refine"] = refined.field, time.perf_counter() - started
         if refined.before:
-            off = f"{1e3 * refined.after:.3g} mm ({1e3 * refined.before:.3g} mm before)"
+            off = f"{in_units(refined.after, 'm')} ({in_units(refined.before, 'm')} before)"
             progress.update(1.0, f"the field's own simulation strays {off} from the recovered motion")
     return field
 

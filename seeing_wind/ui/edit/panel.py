@@ -2,16 +2,18 @@
 
 import bpy
 
+from ...engine.conventions import in_units
 from ...engine.materials import MATERIALS, SHEETS
-from ...engine.settings import BodyEdit
+from ...engine.settings import BodyEdit, options_of
 from ..clip.object.material_menu import draw_material
 from ..field.display import has_wind
 from ..job.panel_pieces import Tab, columns, draw_override, draw_text, fold, panels
 from ..option_properties import panel_options
 from .sheet_label import is_shell, shell_words
 
-SHORT = {"areal_density": "Weight (kg/m²)", "tensile_stiffness": "Stretching (N/m)", "bending_stiffness": "Bending (N m)"}
-"""Words for numbers whose own names a sidebar cuts off."""
+SHORT = {"areal_density": "Weight", "tensile_stiffness": "Stretching", "bending_stiffness": "Bending"}
+"""Words for numbers whose own names a sidebar cuts off; the unit follows, unless it stands with the number."""
+BODY = options_of(BodyEdit)
 
 
 class EditTab(Tab):
@@ -89,7 +91,10 @@ def _draw_body(column, body, settings) -> None:
 def _draw_numbers(column, body) -> None:
     """What is said in place of the material's numbers, and how the body begins."""
     for name in _numbers(body):
-        draw_override(column, body, name, _preset(body, name), SHORT.get(name, ""))
+        short = SHORT.get(name, "")
+        if short and getattr(body, f"use_{name}"):
+            short = f"{short} ({BODY[name].unit})"
+        draw_override(column, body, name, _preset(body, name), short)
     column.prop(body, "use_velocity")
     if body.use_velocity:
         column.prop(body, "velocity")
@@ -106,7 +111,7 @@ def _preset(body, name: str) -> str:
         return "By its size"
     sheet = SHEETS.get(body.material)
     stuff = sheet if sheet is not None and hasattr(sheet, name) else MATERIALS[body.material]
-    return f"{getattr(stuff, name):.3g}"
+    return in_units(getattr(stuff, name), BODY[name].unit)
 
 
 def _numbers(body) -> list[str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bpy
 
-from ...engine.conventions import weight_in_words
+from ...engine.conventions import in_units, weight_in_words
 from ...engine.materials import SHEET_UNITS, SHEETS
 from ..scene_units import metres_per_unit
 from .resimulate.geometry import once_per_shape
@@ -60,4 +60,4 @@ def shell_words(body: bpy.types.PropertyGroup) -> str:
     areal = body.areal_density if body.use_areal_density else sheet.areal_density
     areal = body.density * thickness if body.use_density else areal
     areal = (body.mass / body.open_area if body.use_mass else areal) * body.mass_scale
-    return f"Shell, {weight_in_words(areal, body.open_area)}, {1e3 * thickness:.2g} mm thick"
+    return f"Shell, {weight_in_words(areal, body.open_area)}, {in_units(thickness, 'm', 2)} thick"

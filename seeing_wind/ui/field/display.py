@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ...engine.conventions import beaufort
+from ...engine.conventions import beaufort, in_figures
 
 ARROWS_MATERIAL = "Seeing Wind Arrows"
 
@@ -125,7 +125,7 @@ def share(field: Any) -> float:
 
 def in_beaufort(speed: float) -> str:
     """A speed [m/s] with its number."""
-    return f"{speed:.2g} m/s (Beaufort {beaufort(speed)})"
+    return f"{in_figures(speed, 2)} m/s (Beaufort {beaufort(speed)})"
 
 
 def said_of_wind(field: Any) -> str:
@@ -134,11 +134,6 @@ def said_of_wind(field: Any) -> str:
         return ""
     mean, gust = (in_beaufort(abs(share(field)) * speed) for speed in field[SPEEDS])
     return f"Wind: {mean} in the mean, gusts up to {gust}"
-
-
-def in_figures(value: float) -> str:
-    """A strength with three figures, without a power of ten where a person would write none."""
-    return f"{float(f'{value:.3g}'):.0f}" if 100.0 <= value < 1e6 else f"{value:.3g}"
 
 
 def said_of_fit(field: Any) -> str:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.command.arguments import parser, settings_of
+from seeing_wind.engine.conventions import in_units
 from seeing_wind.engine.materials import LIMITS
 from seeing_wind.engine.mpm.model_for import model_for, with_clamp_depth
 from seeing_wind.engine.progress import NoProgress, Progress
@@ -94,7 +95,7 @@ def test_the_stiffness_of_a_post_that_swings_is_found_with_the_force(swing, give
     off = np.log(found.youngs_modulus / RUBBER.youngs_modulus)
     assert abs(off) < 3.0 * found.stiffness_deviation and found.stiffness_deviation < PRIOR.stiffness_told * PRIOR.stiffness_spread
     assert error(found, body, wind) < 0.7 * error(given, body, wind)
-    assert any(f"{found.youngs_modulus:.3g} Pa" in note and "below the given 6.5e+03 Pa" in note for note in found.notes)
+    assert any(in_units(found.youngs_modulus, "Pa") in note and "below the given 6.5 kPa" in note for note in found.notes)
     assert not any("Young's modulus" in note for note in given.notes)
     # What stands for the stiffness in everything after the recovery.
     assert as_found(TOO_STIFF, found).youngs_modulus == found.youngs_modulus and as_found(TOO_STIFF, given) == TOO_STIFF

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from bpy_extras.object_utils import world_to_camera_view
 
+from seeing_wind.engine.conventions import in_figures
 from seeing_wind.engine.masks import Masks
 from seeing_wind.engine.record_arrays import from_arrays
 from seeing_wind.engine.take import Take
@@ -19,7 +20,6 @@ from seeing_wind.ui.composite.mattes import CARD, MARGIN, matte, narrowed, softe
 from seeing_wind.ui.composite.nodes import is_set_up
 from seeing_wind.ui.composite.own import changes
 from seeing_wind.ui.field import vdb as field_vdb
-from seeing_wind.ui.field.display import in_figures
 from seeing_wind.ui.field.samples import read_samples, samples_of
 from seeing_wind.ui.job import takes
 from seeing_wind.ui.user_paths import absolute

@@ -27,7 +27,7 @@ def test_a_grid_of_cotton_weighs_what_cotton_weighs(scene) -> None:
     body.mass_scale = 2.0
     assert shell_words(body) == "Shell, 240 g/m², 154 g, 0.35 mm thick"
     body.use_mass, body.mass = True, 0.32
-    assert shell_words(body) == "Shell, 1000 g/m², 640 g, 0.35 mm thick"
+    assert shell_words(body) == "Shell, 1 kg/m², 640 g, 0.35 mm thick"
     body.use_mass, body.mass_scale, body.material = False, 1.0, "rubber"
     assert shell_words(body) == ""
 

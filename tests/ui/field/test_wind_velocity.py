@@ -115,7 +115,7 @@ def test_set_mass_suits_a_second_rigid_body_whose_surface_differs(scene, stand_i
         bpy.ops.seeing_wind.calibrate(object=second.name, set_mass=True)
         assert second.rigid_body.mass == pytest.approx(0.02, rel=1e-3)
     said = scene.seeing_wind.calibrations[-1].said
-    assert "0.08 kg" in said and "Its mass is 0.02 kg" in said and first.name in said
+    assert "80 g" in said and "Its mass is 20 g" in said and first.name in said
     assert places(second, scene, 20)[19, 2] == pytest.approx(places(first, scene, 20)[19, 2], rel=1e-3)
 
 

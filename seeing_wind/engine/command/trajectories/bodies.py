@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ...conventions import in_units
 from ...errors import ObjectError, UsageError
 from ...records import Attachment, Material, Particles, PointTargets
 from ...recovery.diagnostics.remarks import DISTRUST
@@ -98,7 +99,7 @@ def _errors(
     if "sigma" in values:
         sigma = number_in(values["sigma"], "sigma", path)
         if not FINEST <= sigma <= extent:
-            hint = f"It must lie between {FINEST:g} m and what x reaches, {extent:.3g} m; without it, it is estimated."
+            hint = f"It must lie between {in_units(FINEST, 'm')} and what x reaches, {in_units(extent, 'm')}; without it, it is estimated."
             raise UsageError(f"{path}: sigma is {sigma:g}.", hint)
         return sigma, None
     if "covariance" not in values:
@@ -108,7 +109,7 @@ def _errors(
         raise UsageError(f"{path}: covariance has shape {covariance.shape}.", f"It must be (3,3) or ({count},3,3), in m².")
     if not np.isfinite(covariance).all() or np.abs(covariance).max() > extent**2 or not _is_covariance(covariance):
         raise UsageError(
-            f"{path}: covariance is none of errors within what x reaches, {extent:.3g} m.",
+            f"{path}: covariance is none of errors within what x reaches, {in_units(extent, 'm')}.",
             "Each matrix must be finite, symmetric and without negative eigenvalues, in m².",
         )
     return None, np.broadcast_to(covariance, (count, 3, 3)).copy()
@@ -126,7 +127,7 @@ def _moving(x: np.ndarray, spacing: float) -> Iterator[str]:
     way = float(np.nan_to_num(np.linalg.norm(x - x[0], axis=2)).max()) if x.size else 0.0
     if way > HELD_WAY * spacing:
         wild = f" {DISTRUST}: mark only what is held." if way > HELD_WILD * spacing else ""
-        yield f"Particles that `fixed` marks as held move by up to {1e3 * way:.2g} mm; they are simulated standing still.{wild}"
+        yield f"Particles that `fixed` marks as held move by up to {in_units(way, 'm', 2)}; they are simulated standing still.{wild}"
 
 
 def _strays(x: np.ndarray, spacing: float) -> Iterator[str]:
@@ -146,8 +147,9 @@ def _strays(x: np.ndarray, spacing: float) -> Iterator[str]:
     if 0 < len(astray) <= STRAYS * count:
         which = ", ".join(str(each) for each in astray[:3]) + (", ..." if len(astray) > 3 else "")
         yield (
-            f"{len(astray)} of {count} particles ({which}) go up to {way[astray].max():.3g} m away from their neighbours, more than the "
-            f"body's size ({size:.3g} m). {DISTRUST}: take them out of the file, or make them invisible there."
+            f"{len(astray)} of {count} particles ({which}) go up to {in_units(way[astray].max(), 'm')} away from their neighbours, more "
+            f"than the body's size ({in_units(size, 'm')}). {DISTRUST}: take them out of the file, or make them "
+            "invisible there."
         )
 
 

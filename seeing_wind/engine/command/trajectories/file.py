@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...conventions import FARTHEST, FRAME_RATES
+from ...conventions import FARTHEST, FRAME_RATES, in_figures, in_units
 from ...errors import ObjectError, UsageError
 from ...reading import array_names, read_arrays
 
@@ -100,13 +100,14 @@ def _check_places(x: np.ndarray, visible: np.ndarray, fps: float, path: str | os
     """Refuse visible positions x (T+1, N, 3) [m] beyond `FARTHEST`, and a body most of whose points move faster than `FASTEST`."""
     far = float(np.abs(x[visible]).max())
     if far > FARTHEST:
-        raise UsageError(f"{path}: a position lies {far:.3g} m from the origin.", "Check the unit: metres.")
+        raise UsageError(f"{path}: a position lies {in_units(far, 'm')} from the origin.", "Check the unit: metres.")
     step = np.where(visible[1:] & visible[:-1], np.linalg.norm(np.diff(x, axis=0), axis=2), np.nan)
     way = np.nan_to_num([np.nanmedian(row) if np.isfinite(row).any() else 0.0 for row in step])
     worst = int(way.argmax())
     if way[worst] * fps > FASTEST:
         raise ObjectError(
-            f"{path}: from frame {worst} to frame {worst + 1} the body jumps {way[worst]:.3g} m, which is {way[worst] * fps:.3g} m/s.",
+            f"{path}: from frame {worst} to frame {worst + 1} the body jumps {in_units(way[worst], 'm')}, which is "
+            f"{in_figures(way[worst] * fps)} m/s.",
             "Check the unit of x (metres), fps, and that the points keep their order; cut the file where the body jumps.",
         )
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ...conventions import in_units
 from ...errors import MaterialError, UsageError
 from ...materials import adjust, find
 from ...records import Material
@@ -29,7 +30,7 @@ def material_of(
     stated: dict[str, Any] = {name: number_in(values[key], key, path) for name, key in NUMBERS.items() if key in values}
     norm = number_in(values.get("yield_stress", np.zeros(())), "yield_stress", path)
     if norm < 0.0:
-        raise MaterialError(f"{path}: yield_stress is {norm:g} Pa.", "It must not be negative; zero is an elastic body.")
+        raise MaterialError(f"{path}: yield_stress is {in_units(norm, 'Pa')}.", "It must not be negative; zero is an elastic body.")
     yield_stress = float(np.sqrt(1.5)) * norm
     if yield_stress != 0.0:
         stated["yield_stress"] = yield_stress

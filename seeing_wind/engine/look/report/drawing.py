@@ -9,6 +9,7 @@ import matplotlib
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from ...conventions import in_figures
 from .colours import force_colours
 
 OUTLINE = (18, 20, 24)
@@ -17,11 +18,6 @@ GROUND = (16, 18, 22, 158)
 """RGBA of the panels behind the instruments."""
 
 INK, FAINT = (244, 245, 247), (182, 188, 198)
-
-
-def _three_digits(value: float) -> str:
-    """Three digits without an exponent for any force that a clip shows."""
-    return f"{value:.0f}" if value >= 100 else f"{value:.3g}"
 
 
 class Dials:
@@ -56,7 +52,7 @@ class Dials:
         centre = np.array(self.centre)
         draw_arrow(canvas, centre, centre + seen[:2] / self.strongest * self.radius * 0.96, colour, 1.2 * self.unit)
         u, beside = self.unit, self.centre[0] + self.radius + 14 * self.unit
-        self._write(canvas, (beside, self.centre[1] - 9 * u), f"{_three_digits(strength)} N/m³", self.bold, INK)
+        self._write(canvas, (beside, self.centre[1] - 9 * u), f"{in_figures(strength)} N/m³", self.bold, INK)
         self._write(canvas, (24 * u, 28 * u), f"{frame:03d}", self.bold, INK)
         self._write(canvas, (66 * u, 28 * u), f"{seconds:.2f} s", self.small, FAINT)
 
@@ -103,7 +99,7 @@ class Dials:
         draw = ImageDraw.Draw(sheet)
         draw.text((left, 30 * u), "N/m³", (*INK, 255), self.bold, "lm")
         for part in (0.0, 0.25, 0.5, 0.75, 1.0):
-            draw.text((left + wide + 8 * u, upper + (1 - part) * (high - 1)), f"{part * self.top:.5g}", (*INK, 255), self.small, "lm")
+            draw.text((left + wide + 8 * u, upper + (1 - part) * (high - 1)), in_figures(part * self.top, 5), (*INK, 255), self.small, "lm")
 
 
 def draw_arrow(canvas: np.ndarray, tail: np.ndarray, tip: np.ndarray, colour: tuple[float, ...], size: float) -> None:

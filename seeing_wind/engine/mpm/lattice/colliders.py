@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...conventions import in_figures, in_units
 from ...errors import SimulationError, UsageError
 from .beside import velocity_at
 from .closed_mesh import signed_volume, triangle_areas
@@ -167,7 +168,8 @@ def collider_grid(colliders: Sequence[Collider], offset: np.ndarray, dx: float, 
     nodes = int(np.prod((hi - lo + 1).astype(np.int64)))
     if nodes > _MOST_NODES:
         raise SimulationError(
-            f"The box around the mesh colliders has {nodes:.3g} grid nodes of {dx:.2g} m, more than {_MOST_NODES:.1g}.",
+            f"The box around the mesh colliders has {in_figures(nodes)} grid nodes of {in_units(dx, 'm', 2)}, more than "
+            f"{in_figures(_MOST_NODES)}.",
             "Use a plane for a large floor, cut the mesh to the part that bodies reach, or use fewer particles.",
         )
     solid, depth = np.zeros((*(hi - lo + 1), 8)), np.zeros(hi - lo + 1)
@@ -210,7 +212,7 @@ def collider_notes(x: np.ndarray, colliders: Sequence[Collider], grid: ColliderG
         thickness = 2.0 * abs(signed_volume(mesh.vertices, mesh.faces)) / triangle_areas(mesh.vertices, mesh.faces)[0].sum()
         if thickness < _THINNEST * dx:
             notes.append(
-                f"A collider is about {1000.0 * thickness:.3g} mm thick, less than {1000.0 * _THINNEST * dx:.3g} mm: bodies may pass "
+                f"A collider is about {in_units(thickness, 'm')} thick, less than {in_units(_THINNEST * dx, 'm')}: bodies may pass "
                 "through it. Thicken it, or use more particles."
             )
     depth = np.zeros(len(x))
@@ -229,7 +231,7 @@ def collider_notes(x: np.ndarray, colliders: Sequence[Collider], grid: ColliderG
     inside = depth > _DEEP * dx
     if inside.any():
         notes.append(
-            f"{inside.sum()} of {len(x)} particles start inside a collider, up to {1000.0 * depth.max():.3g} mm deep: they stay there or "
+            f"{inside.sum()} of {len(x)} particles start inside a collider, up to {in_units(depth.max(), 'm')} deep: they stay there or "
             "are torn off. Move the body or the collider."
         )
     return notes

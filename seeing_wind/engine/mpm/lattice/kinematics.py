@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ...conventions import frame_named
+from ...conventions import frame_named, in_units
 from ...errors import SimulationError, UsageError
 from ..model import Model
 from ..state import State
@@ -85,7 +85,7 @@ def checked_pin_path(pin_path: np.ndarray, x: np.ndarray, pinned: np.ndarray, dx
     if away.max() > _AWAY * dx:
         n = int(away.argmax())
         raise UsageError(
-            f"The path of pinned particle {n} starts {1000.0 * away[n]:.3g} mm away from it.", "Frame 0 must be where the particles are."
+            f"The path of pinned particle {n} starts {in_units(away[n], 'm')} away from it.", "Frame 0 must be where the particles are."
         )
     return path
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ... import conventions
-from ...conventions import front_view
+from ...conventions import front_view, in_units
 from ...errors import UsageError
 from ...progress import Progress
 from ...reading import read_json
@@ -75,7 +75,7 @@ def find_camera(
     distance = _distance(settings, focal) if given else depth or DEFAULT_DISTANCE
     if not given and depth is None:
         progress.warn(
-            f"Nothing says how large the scene is, so the object is taken to be {DEFAULT_DISTANCE:g} m away: "
+            f"Nothing says how large the scene is, so the object is taken to be {in_units(DEFAULT_DISTANCE, 'm')} away: "
             "forces scale with this distance. Give --distance or --pixels-per-metre for absolute values."
         )
     return Camera(width, height, focal, focal, 0.5 * (width - 1), 0.5 * (height - 1), front_view(distance)), distance
@@ -187,7 +187,7 @@ def _poses(path: str, poses: np.ndarray, frames: int, first_frame: int) -> np.nd
     if not np.isfinite(poses).all():
         raise UsageError(f"camera_to_world of {path} holds values that are not finite.", "Export the camera again.")
     if np.abs(poses[..., :3, 3]).max() > conventions.FARTHEST:
-        message = f"camera_to_world of {path} is more than {conventions.FARTHEST:g} m from the origin."
+        message = f"camera_to_world of {path} is more than {in_units(conventions.FARTHEST, 'm')} from the origin."
         raise UsageError(message, "Give metres, near the scene's origin.")
     rotation = poses[..., :3, :3]
     off = np.abs(np.swapaxes(rotation, -1, -2) @ rotation - np.eye(3)).max()
@@ -221,7 +221,8 @@ def _distance(settings: ObserveSettings, focal: float) -> float:
         return _check_distance(focal / scale, "The scale")
     if scale is not None and abs(focal / scale - distance) > 0.01 * distance:
         raise UsageError(
-            f"--distance {distance:g} m and --pixels-per-metre {scale:g} contradict each other: that scale means {focal / scale:.3g} m.",
+            f"--distance {in_units(distance, 'm')} and --pixels-per-metre {scale:g} contradict each other: that scale means "
+            f"{in_units(focal / scale, 'm')}.",
             "Give one of them.",
         )
     return _check_distance(float(distance), "--distance")
@@ -229,7 +230,8 @@ def _distance(settings: ObserveSettings, focal: float) -> float:
 
 def _check_distance(distance: float, what: str) -> float:
     if not NEAREST <= distance <= FARTHEST:
-        raise UsageError(f"{what} puts the object {distance:.3g} m from the camera.", "Check the unit: metres, or pixels per metre.")
+        said = f"{what} puts the object {in_units(distance, 'm')} from the camera."
+        raise UsageError(said, "Check the unit: metres, or pixels per metre.")
     return distance
 
 
@@ -237,5 +239,6 @@ def _distance_of_origin(camera: Camera, progress: Progress) -> float:
     """Depth of the world's origin in frame 0 [m] when it is in front of the camera, else the default distance."""
     depth = float(camera.project(np.zeros(3))[1])
     distance = depth if depth > 1e-3 else DEFAULT_DISTANCE
-    progress.warn(f"The camera is known but not the object's depth, which is taken as {distance:.3g} m. Give --depth or --distance.")
+    taken = f"which is taken as {in_units(distance, 'm')}"
+    progress.warn(f"The camera is known but not the object's depth, {taken}. Give --depth or --distance.")
     return distance

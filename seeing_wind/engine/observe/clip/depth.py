@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ...conventions import in_units
 from ...errors import UsageError
 from ...progress import Progress
 from ...reading import read_array
@@ -79,7 +80,7 @@ def object_depth(depth: np.ndarray | None, name: str, mask: np.ndarray, distance
     steps = np.abs(filled[:, 1:][beside] - filled[:, :-1][beside])
     if steps.size and np.median(steps) > ROUGHEST * np.median(filled[mask]):
         raise UsageError(
-            f"{name} gives depths that differ by {np.median(steps):.2g} m from pixel to pixel: no surface looks like that.",
+            f"{name} gives depths that differ by {in_units(np.median(steps), 'm', 2)} from pixel to pixel: no surface looks like that.",
             "Check the file: metres along the view axis, one per pixel of the first frame.",
         )
     return filled

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from ...conventions import in_units
 from ...errors import ModelError, TakeError
 from ...masks import box_of, rows_columns
 from ...progress import Progress
@@ -178,7 +179,7 @@ def check_properties(values: Any, kind: str) -> dict[str, float | None]:
         result[key] = float(value)
     yields, stiff = result["yield_stress"], result["youngs_modulus"]
     if yields is not None and stiff is not None and yields > stiff:
-        raise ValueError(f"the yield stress {yields:g} Pa is above Young's modulus {stiff:g} Pa.")
+        raise ValueError(f"the yield stress {in_units(yields, 'Pa')} is above Young's modulus {in_units(stiff, 'Pa')}.")
     return result
 
 
@@ -213,7 +214,8 @@ def ask_material(take: Take, endpoint: Endpoint, observation: Observation, setti
     except ModelError as error:
         progress.warn(f"{error.message} The material {settings.material} is used instead. {error.hint}")
         return settings
-    progress.update(1.0, f"{found.object}, {found.material}: {found.density:.0f} kg/m³, {found.youngs_modulus:.2g} Pa, {found.type}")
+    stiff = in_units(found.youngs_modulus, "Pa", 2)
+    progress.update(1.0, f"{found.object}, {found.material}: {found.density:.0f} kg/m³, {stiff}, {found.type}")
     return with_estimate(settings, found, endpoint.name)
 
 

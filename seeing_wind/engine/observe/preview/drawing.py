@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
+from ...conventions import in_units
 from ...records import Observation
 from .verdicts import Verdict
 
@@ -92,5 +93,5 @@ def _scale_bar(canvas: np.ndarray, pixels_per_metre: float, width: int) -> None:
     y, x0, x1 = canvas.shape[0] - 14, 12, 12 + round(length * pixels_per_metre)
     for color, thick in (((0, 0, 0), 3 * width + 2), (TEXT, width + 1)):
         cv2.line(canvas, (x0, y), (x1, y), color, thick)
-        words = f"{length:g} m" if length >= 1.0 else f"{100 * length:g} cm"
+        words = in_units(length, "m")
         cv2.putText(canvas, words, (x0, y - 8), cv2.FONT_HERSHEY_SIMPLEX, 0.5 * max(1, width), color, thick, cv2.LINE_AA)

@@ -9,7 +9,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from ...conventions import HELD_PLACE, frame_named
+from ...conventions import HELD_PLACE, frame_named, in_units
 from ...masks import areas
 from ...records import Observation
 from ...settings import ObserveSettings
@@ -210,7 +210,7 @@ def _blur(seen: Observation) -> Verdict:
 def _scale(settings: ObserveSettings) -> Verdict:
     if settings.distance:
         # the panel always gives one, looked at or not
-        away = f"{settings.distance:g} m"
+        away = in_units(settings.distance, "m")
         return Verdict("scale", 0.0, f"It is taken to be {away} from the camera: at twice that it is twice as large and as fast.")
     if settings.pixels_per_metre or settings.depth or settings.camera or settings.depth_model:
         return Verdict("scale", 0.0, "It is given.")

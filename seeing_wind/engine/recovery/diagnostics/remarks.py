@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...conventions import UNHELD, frame_named
+from ...conventions import UNHELD, frame_named, in_figures, in_units
 from ...records import Particles
 from ..prior.basis import runs_of
 from ..targets.clamp_motion import ClampMotion
@@ -56,8 +56,8 @@ def astray(particles: Particles, channels: Sequence[Channels], x: np.ndarray, re
     if residual[worst] <= max(size, ASTRAY * way, ASTRAY_NOISE * noise):
         return ""
     return (
-        f"In {frame_named(worst)} the simulated body is {residual[worst]:.3g} {unit} from where it was seen, more than its size "
-        f"({size:.3g} {unit}): {EXPLAINS_NOTHING}."
+        f"In {frame_named(worst)} the simulated body is {in_units(residual[worst], unit)} from where it was seen, more than its size "
+        f"({in_units(size, unit)}): {EXPLAINS_NOTHING}."
     )
 
 
@@ -69,7 +69,7 @@ def far_off(particles: Particles, channels: Sequence[Channels], x: np.ndarray, r
     if far <= max(FAR * size, ASTRAY_NOISE * noise) or size == 0.0:  # of a body that is a point, `astray` says what there is to say
         return []
     return [
-        f"The simulated body is {far:.3g} {unit} (median) from where it was seen, {100.0 * far / size:.0f} % of its size. {DISTRUST}: "
+        f"The simulated body is {in_units(far, unit)} (median) from where it was seen, {100.0 * far / size:.0f} % of its size. {DISTRUST}: "
         "check the outline, what is held, the depth and the material."
     ]
 
@@ -105,16 +105,16 @@ def motion_remarks(particles: Particles, x: np.ndarray, residual: np.ndarray, vi
     far, peak = float(np.median(shown)) if len(shown) else 0.0, int(residual.argmax())
     small = STILL * max(radius, particles.spacing)
     if moved < small and (views or far < small):
-        notes.append(f"The body hardly moves ({1000 * moved:.2g} mm): the force is known only as the one that holds it still.")
+        notes.append(f"The body hardly moves ({in_units(moved, 'm', 2)}): the force is known only as the one that holds it still.")
     elif not views and far > UNEXPLAINED * moved:
         notes.append(
-            f"The simulated body moves by {1000 * moved:.2g} mm and stays {1000 * far:.2g} mm (median) off the points: no force that was "
-            f"found explains the motion. {DISTRUST}: check units, axes and the material."
+            f"The simulated body moves by {in_units(moved, 'm', 2)} and stays {in_units(far, 'm', 2)} (median) off the points: no force "
+            f"that was found explains the motion. {DISTRUST}: check units, axes and the material."
         )
     if not views and residual[peak] > max(SUDDEN * far, SUDDEN_WAY * moved):
         notes.append(
-            f"In {frame_named(peak)} the simulated body is {1000 * residual[peak]:.2g} mm off, otherwise {1000 * far:.2g} mm: where the "
-            "force changes suddenly, it is smoothed over about four frames."
+            f"In {frame_named(peak)} the simulated body is {in_units(residual[peak], 'm', 2)} off, otherwise {in_units(far, 'm', 2)}: "
+            "where the force changes suddenly, it is smoothed over about four frames."
         )
     if views == 1:
         notes.append(
@@ -130,7 +130,8 @@ def force_remarks(acceleration: np.ndarray, density: float, x: np.ndarray, fps: 
     if not 0.5 * size * duration**2 < COASTING * way:
         return []
     alone = "only the given gravity" if np.any(gravity) else "no force"
-    return [f"The body moves as if {alone} acted on it: the force found, {density * size:.2g} N/m³, is too small to be known well."]
+    found = f"the force found, {in_figures(density * size, 2)} N/m³, is too small to be known well"
+    return [f"The body moves as if {alone} acted on it: {found}."]
 
 
 def reaction_remarks(particles: Particles, acceleration: np.ndarray, x: np.ndarray, gravity: Sequence[float]) -> list[str]:
@@ -192,7 +193,7 @@ def _leading(flags: np.ndarray) -> int:
 def moving_clamp_remark(motion: ClampMotion) -> str:
     """On a clamp that was seen to move."""
     turn = f" and turns by up to {motion.widest:.2g} degrees" if motion.widest >= TURNS else ""
-    return f"What is held moves by up to {1000.0 * motion.largest:.2g} mm{turn}: that was taken for its own motion, not for a force."
+    return f"What is held moves by up to {in_units(motion.largest, 'm', 2)}{turn}: that was taken for its own motion, not for a force."
 
 
 def wider_remarks(particles: Particles) -> list[str]:
@@ -224,6 +225,6 @@ def held_remarks(particles: Particles, channels: Sequence[Channels]) -> list[str
     if farthest < LOOSE:
         return []
     return [
-        f"What is held moves by {farthest:.2g} pixels in the clip, but the force was found as if it stood still. Check --pin, and that the "
-        "camera stands still or its motion is given."
+        f"What is held moves by {in_figures(farthest, 2)} pixels in the clip, but the force was found as if it stood still. Check "
+        "--pin, and that the camera stands still or its motion is given."
     ]

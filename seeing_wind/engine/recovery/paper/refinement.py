@@ -18,6 +18,7 @@ import numpy as np
 import torch
 from torch.nn.utils import parameters_to_vector
 
+from ...conventions import in_units
 from ...errors import SimulationError
 from ...field.adam import in_parts
 from ...field.force_field import ForceField
@@ -162,7 +163,7 @@ class _Run:
         def closure() -> float:
             nonlocal loss, after, kept, asked
             optimiser.zero_grad()
-            now, stray = self.backward(progress, f"refining the field, {1e3 * after:.3g} mm off", asked / (1.25 * steps))
+            now, stray = self.backward(progress, f"refining the field, {in_units(after, 'm')} off", asked / (1.25 * steps))
             asked += 1
             if now < loss:
                 loss, after, kept = now, stray, [one.detach().clone() for one in parameters]

@@ -12,6 +12,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from ...conventions import in_units
 from ...errors import UsageError
 from ...mpm.lattice.closed_mesh import is_closed, signed_volume, triangle_areas, weld, winding_numbers
 from ...records import Particles
@@ -97,7 +98,7 @@ def fill(vertices: np.ndarray, triangles: np.ndarray, *, spacing: float | None =
         each = patch / patch.sum() * max(total, 1e-12) / 2.0
         sizes += [each, each]
         if open_share > 0.0:
-            notes.append(f"open surface: simulated as a shell {2000.0 * spacing:.3g} mm thick")
+            notes.append(f"open surface: simulated as a shell {in_units(2.0 * spacing, 'm')} thick")
         if open_share < 1.0:
             notes.append("closed but thinner than its particles: simulated as a shell of the same volume")
     particles = Particles(np.concatenate(x), np.concatenate(sizes), np.zeros(sum(map(len, x)), dtype=bool), float(spacing))

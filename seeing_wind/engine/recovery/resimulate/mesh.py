@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...conventions import FARTHEST
+from ...conventions import FARTHEST, in_units
 from ...errors import MissingPackage, UsageError
 from ...reading import LARGEST_ARRAYS, read_arrays, read_text, regular
 
@@ -46,7 +46,7 @@ def load_mesh(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndarray]:
         raise UsageError(f"{path.name}: the position of vertex {bad} is not finite.", "Mend the mesh and export it again.")
     far = float(np.abs(vertices).max())
     if far > FARTHEST:
-        raise UsageError(f"{path.name}: a vertex lies {far:.3g} m from the origin.", "Check the unit and the scale: metres.")
+        raise UsageError(f"{path.name}: a vertex lies {in_units(far, 'm')} from the origin.", "Check the unit and the scale: metres.")
     return vertices, triangles.astype(np.int32)
 
 

@@ -29,6 +29,7 @@ from functools import partial
 
 import numpy as np
 
+from ...conventions import in_units
 from ...materials import LIMITS
 from ...mpm.model import Model
 from ...mpm.model_for import with_clamp_depth
@@ -148,15 +149,15 @@ def remark(stiffness: Stiffness, model: Model, body: Particles) -> list[str]:
     given = youngs_modulus(model, body)
     if stiffness.known:
         percent, found = round(100.0 * math.expm1(stiffness.s)), youngs_modulus(model, body, stiffness.s)
-        beside = f"{abs(percent)} % {'above' if percent > 0 else 'below'} the given {given:.3g} Pa" if percent else "as given"
+        beside = f"{abs(percent)} % {'above' if percent > 0 else 'below'} the given {in_units(given, 'Pa')}" if percent else "as given"
         away = 1000.0 * stiffness.deeper * model.dx
         return [
-            f"The motion fits a Young's modulus of {found:.3g} Pa ({beside}, ±{100.0 * stiffness.deviation:.2g} %) on a body held from "
-            f"{abs(away):.1f} mm {'inside' if away > 0.0 else 'outside'} the border given: the forces are those on such a body. "
+            f"The motion fits a Young's modulus of {in_units(found, 'Pa')} ({beside}, ±{100.0 * stiffness.deviation:.2g} %) on a body held "
+            f"from {abs(away):.1f} mm {'inside' if away > 0.0 else 'outside'} the border given: the forces are those on such a body. "
             f"--stiffness given keeps what was given."
         ]
     if stiffness.free and stiffness.deviation < PRIOR.stiffness_spread:
-        return [f"The motion does not tell how stiff the held body is: {given:.3g} Pa was kept, and its forces grow with that."]
+        return [f"The motion does not tell how stiff the held body is: {in_units(given, 'Pa')} was kept, and its forces grow with that."]
     return []
 
 

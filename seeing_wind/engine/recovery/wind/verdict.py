@@ -6,7 +6,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from ...conventions import beaufort
+from ...conventions import beaufort, in_figures
 from ...records import Particles, Recovery
 from ..diagnostics.remarks import force_remarks, reaction_remarks
 from .drag import DragLaw
@@ -78,7 +78,7 @@ def figures(estimate: Found, law: DragLaw) -> dict[str, Any]:
 
 def sentence(told: dict[str, Any]) -> str:
     """`figures` in words."""
-    mean, gust = (f"{told[key]:.2g} m/s (Beaufort {told['beaufort'][number]})" for key, number in SPEEDS)
+    mean, gust = (f"{in_figures(told[key], 2)} m/s (Beaufort {told['beaufort'][number]})" for key, number in SPEEDS)
     return (
         f"Effective wind: {mean} in the mean, gusts up to {gust}. It follows from a drag law at the body and is no measurement; "
         f"{100 * told['unexplained_share']:.0f} % of the net force stays unexplained."

@@ -2,7 +2,7 @@
 
 import bpy
 
-from ....engine.conventions import BODY, HELD_PLACE, TIME
+from ....engine.conventions import BODY, HELD_PLACE, TIME, in_units
 from ....engine.materials import MATERIALS
 from ....engine.settings import BuildSettings, ObserveSettings, RecoverSettings
 from ...job import status
@@ -60,7 +60,7 @@ def _draw_object(column, settings) -> None:
 def _draw_material(column, settings) -> None:
     """The material's numbers, and what is said in their place."""
     material = MATERIALS[settings.material]
-    numbers = {"density": f"{material.density:g}", "youngs_modulus": f"{material.youngs_modulus:.3g}", "thickness": "Automatic"}
+    numbers = {"density": f"{material.density:g}", "youngs_modulus": in_units(material.youngs_modulus, "Pa"), "thickness": "Automatic"}
     own = sum(getattr(settings, f"use_{name}") for name in numbers)
     body = fold(column, "material", f"Density, Stiffness, Thickness ({own} set)" if own else "Density, Stiffness, Thickness")
     for name, otherwise in numbers.items() if body is not None else ():

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import bpy
 import numpy as np
 
+from ....engine.conventions import in_units
 from ....engine.errors import UsageError
 from ..display import is_wind
 from .in_wind import FLOW, rate_of_cloth, said_of_drag, weigh_wind
@@ -56,7 +57,7 @@ def _cloth_in_wind(obj: bpy.types.Object, settings: bpy.types.ClothSettings, are
     weight = rate * settings.mass * vertices / (CLOTH_FACTOR * area * what.clip_fps**2)
     # A cloth's velocity is per frame. A smaller vertex mass would make the cloth so stiff for it that Blender's solver stops early and
     # loses half of the push: so the weight may become large.
-    said = f"Cloth: {what.areal_density:g} kg/m² in the wind. "
+    said = f"Cloth: {in_units(what.areal_density, 'kg/m²')} in the wind. "
     said += weigh_wind(what, settings.effector_weights, weight, weight * what.clip_fps / FLOW, "Give the cloth a smaller vertex mass.")
     what.fall(settings.effector_weights)
     settings.air_damping = 0.0

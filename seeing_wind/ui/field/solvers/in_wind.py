@@ -15,6 +15,7 @@ import math
 
 import bpy
 
+from ....engine.conventions import in_figures
 from ....engine.errors import UsageError
 from ..display import BLOWS, DRAG, LINEAR, share
 from .matter import WEIGHT_LIMIT, Matter
@@ -81,7 +82,7 @@ def weigh_wind(what: Matter, weights: bpy.types.EffectorWeights, push: float, sl
     still_air(bpy.context.scene, what.field)
     if times == 1.0:
         return ""
-    return f"Its weight All multiplies the others, as one ends at {WEIGHT_LIMIT:g}: other force fields push {times:.3g} times. "
+    return f"Its weight All multiplies the others, as one ends at {WEIGHT_LIMIT:g}: other force fields push {in_figures(times)} times. "
 
 
 def still_air(scene: bpy.types.Scene, field: bpy.types.Object) -> bpy.types.Object:
@@ -111,8 +112,8 @@ def said_of_drag(field: bpy.types.Object, rate: float, substeps_per_second: floa
     """How far Blender's drag is off the law of the recovery, and what to do where its steps are too coarse."""
     speed, off = held_speed(field), 100.0 * field[LINEAR][1]
     said = (
-        f"Blender's drag is linear: right at {speed:.2g} m/s relative to the air, {off:.0f} % off on what stands still in this wind, "
-        f"twice as strong as it should be at {0.5 * speed:.2g} m/s"
+        f"Blender's drag is linear: right at {in_figures(speed, 2)} m/s relative to the air, {off:.0f} % off on what stands still in this "
+        f"wind, twice as strong as it should be at {in_figures(0.5 * speed, 2)} m/s"
     )
     if rate > COARSE * substeps_per_second:
         said += f". Its steps are too coarse for so light a body: take {math.ceil(rate / (COARSE * substeps_per_second))} times as many"

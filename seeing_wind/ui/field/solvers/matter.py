@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import bpy
 
+from ....engine.conventions import in_figures
 from ....engine.errors import UsageError
 from ..display import frames_per_second, stride_of
 
@@ -39,7 +40,7 @@ class Matter:
             UsageError: when Blender takes no such weight.
         """
         if not 0.0 < weight <= WEIGHT_LIMIT:
-            raise UsageError(f"The field's weight would have to be {weight:g}, Blender takes up to {WEIGHT_LIMIT:g}.", mend)
+            raise UsageError(f"The field's weight would have to be {in_figures(weight)}, Blender takes up to {WEIGHT_LIMIT:g}.", mend)
         weights.all, weights.texture = 1.0, weight
         if self.alone:
             weights.collection = self.field.users_collection[0]
@@ -70,5 +71,5 @@ def matter(
     if not density > 0.0:
         raise UsageError(f"The density {density:g} must be above zero.", "Give kg/m³, or 0 in the panel for the recovered material.")
     if not areal_density > 0.0:
-        raise UsageError(f"The areal density {areal_density:g} must be above zero.", "Cotton has 0.12 kg/m².")
+        raise UsageError(f"The areal density {areal_density:g} must be above zero.", "Cotton has 0.12 kg/m², which is 120 g/m².")
     return Matter(field, density, field["seeing_wind_fps"] * stride_of(field), frames_per_second(scene), alone, areal_density)

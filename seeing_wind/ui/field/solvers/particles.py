@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import bpy
 
+from ....engine.conventions import in_units
 from ....engine.errors import UsageError
 from ...scene_units import metres_per_unit
 from ..display import is_wind
@@ -66,7 +67,7 @@ def _in_wind(system: bpy.types.ParticleSystem, what: Matter) -> str:
     weights.wind = weights.texture / FLOW  # a particle's velocity is per second
     still_air(bpy.context.scene, what.field)
     said = said_of_drag(what.field, rate_of_spheres(what.field, what.density, radius), what.clip_fps * (1 + system.settings.subframes))
-    return f"Particles {system.name}: balls of {2000.0 * radius:.3g} mm and {what.density:g} kg/m³ in the wind. {said}"
+    return f"Particles {system.name}: balls of {in_units(2.0 * radius, 'm')} and {what.density:g} kg/m³ in the wind. {said}"
 
 
 def _radius(settings: bpy.types.ParticleSettings) -> float:
@@ -99,7 +100,7 @@ def _hair_in_wind(
         raise UsageError(f"The hair {system.name} has no thickness.", "Set a diameter under Hair Shape.")
     rate = rate_of_strands(what.field, what.density, diameter)
     push = rate * settings.mass / (HAIR_FACTOR * what.clip_fps**2)
-    said = f"Hair {system.name}: strands of {1000.0 * diameter:.3g} mm and {what.density:g} kg/m³ in the wind; the roots are held. "
+    said = f"Hair {system.name}: strands of {in_units(diameter, 'm')} and {what.density:g} kg/m³ in the wind; the roots are held. "
     # its velocity is per frame
     said += weigh_wind(what, weights, push, push * what.clip_fps / FLOW, "Give the hair a smaller mass.")
     what.fall(weights)

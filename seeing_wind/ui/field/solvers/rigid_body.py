@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import bpy
 
+from ....engine.conventions import in_units
 from ....engine.errors import UsageError
 from ...scene_units import metres_per_unit
 from ..display import is_wind
@@ -39,9 +40,9 @@ def rigid_body(scene: bpy.types.Scene, obj: bpy.types.Object, what: Matter, set_
     volume = body.mass / what.density
     what.weigh(world.effector_weights, volume * per_volume, "Give the body a smaller mass.")
     scene[BODY] = volume
-    line = f"Rigid body: {body.mass:g} kg at {what.density:g} kg/m³; the wind acts at its origin and does not turn it"
+    line = f"Rigid body: {in_units(body.mass, 'kg')} at {what.density:g} kg/m³; the wind acts at its origin and does not turn it"
     if others:
-        line += f". Blender has one weight for all rigid bodies: {others} move as matter of their mass over {volume:g} m³"
+        line += f". Blender has one weight for all rigid bodies: {others} move as matter of their mass over {in_units(volume, 'm³')}"
     yield line
 
 
@@ -59,13 +60,15 @@ def _in_wind(scene: bpy.types.Scene, obj: bpy.types.Object, what: Matter, set_ma
     drag = drag_of_surface(what.field, shared)
     # the wind goes by so many times faster in the rigid bodies' seconds than in the clip's
     faster = what.scene_fps / (what.clip_fps * world.time_scale)
-    line = f"Rigid body: {mass:g} kg and {surface:.3g} m² of surface in the wind, as if it tumbled; the wind does not turn it. "
+    line = f"Rigid body: {in_units(mass, 'kg')} and {in_units(surface, 'm²')} of surface in the wind, as if it tumbled; "
+    line += "the wind does not turn it. "
     line += weigh_wind(what, world.effector_weights, drag * faster**2, drag * faster / FLOW, "Give the bodies less surface.")
     if shared != surface:
-        line += f"Its mass is {body.mass:.3g} kg, so that the one weight of all rigid bodies suits it. "
+        line += f"Its mass is {in_units(body.mass, 'kg')}, so that the one weight of all rigid bodies suits it. "
     line += said_of_drag(what.field, drag / body.mass, what.clip_fps * world.substeps_per_frame)
     if others:
-        line += f". Blender has one weight for all rigid bodies: {others} are pushed as bodies of {shared:.3g} m²; Set Mass suits each"
+        line += f". Blender has one weight for all rigid bodies: {others} are pushed as bodies of {in_units(shared, 'm²')}"
+        line += "; Set Mass suits each"
     return line
 
 

@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import ndimage
 
+from ....conventions import in_units
 from ....errors import ObjectError
 from ....records import Camera, Observation
 from .block import Block, find_block
@@ -116,7 +117,8 @@ def relief_of(observation: Observation, thickness: float | None = None) -> Relie
     distance = float(np.median(front[mask]))
     if thickness is not None and thickness > distance:
         raise ObjectError(
-            f"A body {thickness:g} m thick, {distance:.3g} m from the camera, is no body.", "Give metres behind the visible surface."
+            f"A body {in_units(thickness, 'm')} thick, {in_units(distance, 'm')} from the camera, is no body.",
+            "Give metres behind the visible surface.",
         )
     if block is not None:
         block = block if thickness is None else replace(block, depth=thickness)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ....conventions import in_units
 from ....errors import ObjectError
 from ....materials import Sheet
 from ....progress import Journal, Progress
@@ -82,7 +83,7 @@ def build_sheet(
         mesh, [sight_of(observation)], observation.fps, observation.masks, progress.part(0.05, 1.0), journal
     )
     placed = int(np.isfinite(places[:, 0]).sum())
-    progress.update(1.0, f"{placed} tracks on the sheet, which tell where it is to {1e3 * np.median(sigma):.2g} mm")
+    progress.update(1.0, f"{placed} tracks on the sheet, which tell where it is to {in_units(np.median(sigma), 'm', 2)}")
     return SheetBuilt(mesh, sheet, name, path, sigma, places, relief)
 
 
