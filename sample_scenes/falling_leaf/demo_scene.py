@@ -27,7 +27,7 @@ TOWEL, NAPKIN = (0.27, 0.36), (0.20, 0.20)
 """Width and height of what hangs there [m];"""
 OVER = 0.05
 """So much of the towel is turned over the line [m];"""
-TOWEL_FOLDS, NAPKIN_FOLDS = (0.13, 0.18), (0.12, 0.10)
+TOWEL_FOLDS, NAPKIN_FOLDS = (0.13, 0.18), (0.15, 0.06)
 """length [m] and slack of their folds: the edge sags between two pegs, and a fold runs down from there, which wind alone does not raise;"""
 TOWEL_AT, NAPKIN_AT = 0.56, 0.88
 """how far to the right,"""
@@ -38,7 +38,7 @@ POSTS = np.array([[-1.55, 4.5, 1.78], [2.75, 5.2, 1.74]])
 """Where a second line is tied to two posts in the meadow [m, world]: in the frame, feet and shadows, too, since what stands nowhere is
 seen to be put in."""
 SHEETS = (
-    ("Sheet", -0.62, (1.60, 1.28), 6, (0.95, 0.90, 0.81), (0.60, 0.60, 0.64)),
+    ("Sheet", -0.62, (1.60, 1.28), 6, (0.94, 0.90, 0.84), (0.58, 0.60, 0.66)),
     ("Pillowcase", 2.0, (0.5, 0.74), 3, (0.92, 0.87, 0.76), (0.74, 0.50, 0.30)),
 )
 """What hangs there: how far to the right [m, world], width and height [m], pegs, and its colours;"""
@@ -66,7 +66,9 @@ LEAVES, SMALL = 44, (0.12, 0.26)
 AWAY, ACROSS, UP = (1.35, 4.8), (-0.50, 0.52), (-0.08, 0.36)
 """Where they begin: away from the camera [m], right of its axis and above it [parts of that]."""
 BACKSIDE = (0.60, 0.42, 0.22)
-"""Colour of a leaf's lower side, linear: paler and duller."""
+"""Colour of a leaf's lower side, linear: paler and duller;"""
+THROUGH = (0.35, 0.8)
+"""and how much of its light has come through it, seen across and along its surface: its rim glows against the sun."""
 
 
 def main(folder: Path) -> None:
@@ -252,7 +254,9 @@ def leaf_material(name: str, texture: Path, tones: bool = False) -> bpy.types.Ma
     seen = add("Mix", {0: back, 6: colour, 7: pale}, data_type="RGBA").outputs[2]
     front = add("BsdfPrincipled", {"Base Color": seen, "Roughness": 0.62, "Specular IOR Level": 0.25, "Normal": bump})
     behind = add("BsdfTranslucent", {0: colour, "Normal": bump})
-    both = add("MixShader", {0: 0.45, 1: front.outputs[0], 2: behind.outputs[0]})
+    grazing = add("LayerWeight", {"Blend": 0.5}).outputs["Facing"]
+    share = add("MapRange", {0: grazing, 3: THROUGH[0], 4: THROUGH[1]}).outputs[0]
+    both = add("MixShader", {0: share, 1: front.outputs[0], 2: behind.outputs[0]})
     material.node_tree.links.new(both.outputs[0], material.node_tree.nodes["Material Output"].inputs["Surface"])
     return material
 

@@ -183,7 +183,7 @@ def bring_along(settings: bpy.types.PropertyGroup, folder: Path) -> None:
         OSError: when it cannot be copied.
     """
     former = Path(settings.started_take) if settings.started_take else None
-    if former is not None and former != folder and _is_temporary(former) and former.is_dir() and not folder.exists():
+    if former is not None and former != folder and is_temporary(former) and former.is_dir() and not folder.exists():
         _copy(former, folder)
     settings.started_take = str(folder)
 
@@ -215,7 +215,8 @@ def _temporary() -> Path:
     return Path(tempfile.gettempdir()) / (f"seeing_wind-{os.getuid()}" if hasattr(os, "getuid") else "seeing_wind")
 
 
-def _is_temporary(folder: Path) -> bool:
+def is_temporary(folder: Path) -> bool:
+    """Whether a folder is where takes go until their file is saved."""
     return _temporary() in folder.parents
 
 
@@ -250,7 +251,7 @@ def _before_save(path: str = "", *_: object) -> None:
         return
     for scene in bpy.data.scenes:
         settings = scene.seeing_wind
-        if scene.library is None and not settings.unfinished and _is_temporary(Path(settings.recovered_take)):
+        if scene.library is None and not settings.unfinished and is_temporary(Path(settings.recovered_take)):
             try:
                 _take_along(settings, Path(path).parent)
             except OSError as error:

@@ -62,7 +62,7 @@ class SEEING_WIND_OT_recover(JobOperator, RecoverOptions, bpy.types.Operator):
 
         results.build(scene, self.folder, self.clip)
         takes.show(scene.seeing_wind, self.folder, self.digest)
-        status.of(scene.session_uid).warnings = results.notes(scene, self.folder)
+        status.of(scene.session_uid).warnings = _left_behind(scene.seeing_wind, self.folder) + results.notes(scene, self.folder)
         _say_what_is_not_seen(self, scene)
         return f"Recovered into {self.folder.name}. Next: play it, then insert a mesh (step 4)"
 
@@ -73,6 +73,15 @@ def _found(pool, name: str):
     if found is None:
         raise UsageError(f"There is no {name!r} in this file.", "Check the name.")
     return found
+
+
+def _left_behind(settings: bpy.types.PropertyGroup, folder: Path) -> list[str]:
+    """That a recovery has ended in another place than where it would go now, since the file was saved under another path while it ran."""
+    if folder.parent == takes.take_folder(settings).parent:
+        return []
+    if takes.is_temporary(folder):
+        return ["This file was saved for the first time while it was recovered: save it again, and the results come along"]
+    return [f"This file was saved in another folder while it was recovered: its results stay in {folder}"]
 
 
 def _say_what_is_not_seen(operator: bpy.types.Operator, scene: bpy.types.Scene) -> None:

@@ -123,7 +123,7 @@ def test_pins_that_outrun_the_grid_take_more_substeps_or_are_refused():
     slow, _ = model_for(body, replace(RUBBER, youngs_modulus=1e3), 30.0, pin_path=path(0.01))
     fast, _ = model_for(body, replace(RUBBER, youngs_modulus=1e3), 30.0, pin_path=path(100.5 * slow.dx))
     assert slow.substeps < 101 == fast.substeps  # a cell per substep
-    with pytest.raises(SimulationError, match="A pinned particle at 3e\\+03 m/s"):
+    with pytest.raises(SimulationError, match="A pinned particle at 3000 m/s"):
         model_for(body, RUBBER, 30.0, pin_path=path(100.0))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 import time
 from pathlib import Path
 
@@ -10,9 +11,11 @@ import pytest
 
 from seeing_wind.ui.edit.resimulate.operators import SEEING_WIND_OT_preview_edit, SEEING_WIND_OT_resimulate, Simulation
 from seeing_wind.ui.job import operator as job_operator
-from seeing_wind.ui.job import status, worker_command
+from seeing_wind.ui.job import status, takes, worker_command
 from seeing_wind.ui.job import worker as job
-from tests.ui.jobs import now, recover
+from seeing_wind.ui.recover.operators import SEEING_WIND_OT_recover
+from seeing_wind.ui.recover.request import RecoverRequest
+from tests.ui.jobs import notes_of, now, recover
 from tests.ui.meshes import cube
 
 pytestmark = pytest.mark.usefixtures("stand_in")
@@ -118,6 +121,36 @@ def test_a_file_saved_during_a_run_says_after_reopening_that_the_run_goes_on(wor
     bpy.ops.wm.save_mainfile()
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "während.blend"))
     assert now(bpy.context.scene)["recover"].state == "done" and now(bpy.context.scene)["recover"].message == ""
+
+
+@pytest.mark.parametrize("first", [True, False])
+def test_a_file_saved_in_another_folder_while_it_is_recovered_says_where_the_results_are(
+    workplace, scene, windowed, tmp_path, monkeypatch, first: bool
+) -> None:
+    class Stepped(Modal):
+        finish = SEEING_WIND_OT_recover.finish
+
+        def start(self, scene):
+            request = RecoverRequest.of(scene)
+            self.folder, self.clip, self.digest = request.take, request.clip, request.digest()
+            return SEEING_WIND_OT_recover._messages(self, str(workplace / "fake_python"), request)
+
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "temporary"))
+    for folder in ("temporary", "a", "b"):
+        (tmp_path / folder).mkdir()
+    if not first:
+        bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "a" / "shot.blend"))
+    settings = scene.seeing_wind
+    settings.clip, settings.box, settings.distance = str(workplace / "clip.mp4"), (20, 20, 44, 44), 2.0
+    window, operator = Window(scene), Stepped(None)
+    operator.execute(window)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "b" / "shot.blend"))
+    assert step_until_over(operator, window) == {"FINISHED"} and now(scene)["recover"].state == "done"
+    told = notes_of(scene)[0]
+    assert "save it again" in told if first else f"its results stay in {tmp_path / 'a' / 'clip.take'}" in told
+    bpy.ops.wm.save_mainfile()
+    assert Path(settings.recovered_take) == tmp_path / ("b" if first else "a") / "clip.take"
+    assert takes.recovered(settings).is_dir()
 
 
 def test_a_cancelled_job_says_that_it_goes_on(workplace, scene, windowed, monkeypatch) -> None:
