@@ -15,7 +15,7 @@ HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE), str(HERE.parent / "common"), str(HERE.parents[1])]  # the source tree
 
 from meadow import F_STOP  # noqa: E402
-from washing import blank, hang_cloth, hang_line, new_mesh, place_on, set_post, woven  # noqa: E402
+from washing import INSET, blank, hang_cloth, hang_line, new_mesh, place_on, set_post, woven  # noqa: E402
 
 import seeing_wind.ui as ui  # noqa: E402
 from seeing_wind.ui.field.solvers.particles import calibrate_particles  # noqa: E402
@@ -25,8 +25,8 @@ LINE = np.array([[-1.60, 1.40, 0.28], [1.40, -0.46, 0.14]])
 cloth along the frame would hide how the wind, which blows across it, bellies it out."""
 TOWEL, NAPKIN = (0.27, 0.36), (0.20, 0.20)
 """Width and height of what hangs there [m];"""
-OVER = 0.05
-"""So much of the towel is turned over the line [m];"""
+OVER, CORNERS = 0.05, 0.045
+"""So much of the towel is turned over the line, and so far from its corners, which hang down, do the outer pegs bite [m];"""
 TOWEL_FOLDS, NAPKIN_FOLDS = (0.13, 0.18), (0.15, 0.06)
 """length [m] and slack of their folds: the edge sags between two pegs, and a fold runs down from there, which wind alone does not raise;"""
 TOWEL_AT, NAPKIN_AT = 0.56, 0.88
@@ -145,11 +145,11 @@ def insert_washing(scene) -> None:
     towel = woven(TOWEL, (0.93, 0.91, 0.86), (0.22, 0.35, 0.56), 3, checked=False)
     napkin = woven(NAPKIN, (0.92, 0.88, 0.83), (0.70, 0.24, 0.21), 4, checked=True)
     hung = (
-        ("Towel", TOWEL_AT, TOWEL, 3, towel, TOWEL_FOLDS, OVER, TEA_TOWEL),
-        ("Napkin", NAPKIN_AT, NAPKIN, 2, napkin, NAPKIN_FOLDS, 0.0, LINEN),
+        ("Towel", TOWEL_AT, TOWEL, 3, towel, TOWEL_FOLDS, OVER, CORNERS, TEA_TOWEL),
+        ("Napkin", NAPKIN_AT, NAPKIN, 2, napkin, NAPKIN_FOLDS, 0.0, INSET, LINEN),
     )
-    for name, x, size, pegs, texture, folds, over, mass in hung:
-        hang_cloth(name, *place_on(*line, leaf[0] + x), size, pegs, texture, folds=folds, over=over)
+    for name, x, size, pegs, texture, folds, over, inset, mass in hung:
+        hang_cloth(name, *place_on(*line, leaf[0] + x), size, pegs, texture, folds=folds, over=over, inset=inset)
         done(bpy.ops.seeing_wind.insert_mesh(object=name, material="cotton"))
         done(bpy.ops.seeing_wind.pin_vertices(object=name, vertex_group="Held"))
         done(bpy.ops.seeing_wind.scale_mass(object=name, factor=mass))

@@ -83,8 +83,8 @@ def set_post(name: str, top: np.ndarray) -> bpy.types.Object:
 
 def hang_cloth(
     name: str, at: np.ndarray, along: np.ndarray, size: tuple[float, float], pegs: int, texture: np.ndarray, cell: float = CELL,
-    folds: tuple[float, float] = (WAVE, SLACK), over: float = 0.0, peg_size: tuple[float, float, float] = PEG,
-    peg_colours: Sequence[tuple[float, float, float]] = WOOD,
+    folds: tuple[float, float] = (WAVE, SLACK), over: float = 0.0, inset: float = INSET,
+    peg_size: tuple[float, float, float] = PEG, peg_colours: Sequence[tuple[float, float, float]] = WOOD,
 ) -> bpy.types.Object:  # fmt: skip
     """A cloth that hangs in folds from so many pegs on a line through `at`, see `place_on`; what the pegs bite is the vertex group "Held".
 
@@ -94,6 +94,7 @@ def hang_cloth(
         cell: edge of a face [m].
         folds: their length [m] and slack, as `WAVE` and `SLACK`.
         over: how much of its height is turned over the line and hangs behind [m].
+        inset: as `INSET`.
         peg_size, peg_colours: as `PEG` and `WOOD`; one after the other.
     """
     rng = np.random.default_rng(SEED)
@@ -111,7 +112,7 @@ def hang_cloth(
     fold = slope / turn * np.sin(turn * (s + askew) + rng.uniform(0.0, 6.0))
     axes = np.array([along, [-along[1], along[0], 0.0], [0.0, 0.0, 1.0]])
     vertices = np.stack([(1.0 - slack) * s, fold + np.where(down < 0.0, BEHIND, 0.0), -np.abs(down)], -1) @ axes + at
-    bites = np.linspace(INSET - 0.5 * size[0], 0.5 * size[0] - INSET, pegs)
+    bites = np.linspace(inset - 0.5 * size[0], 0.5 * size[0] - inset, pegs)
     near = np.abs(s[..., None] - bites) < max(BITE, 0.51 * cell)
     near &= (np.abs(down) < 1.5 * cell)[..., None]
     u, v = s / size[0] + 0.5, 1.0 - row / (count[1] - 1)

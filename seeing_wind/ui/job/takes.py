@@ -113,7 +113,6 @@ def stamp_of(folder: Path, stage: str = "recover") -> str:
         TakeError: when its description is damaged.
     """
     from ...engine.take import Take
-
     return str(Take(folder).description().get("stages", {}).get(stage, {}).get("stamp", ""))
 
 
