@@ -147,7 +147,7 @@ def test_a_body_that_stays_off_what_was_seen_is_not_to_be_trusted():
     channels, off = [point_channels(body, points(body, x), False)], np.full(9, 0.002)
     assert far_off(body, channels, x, off) == []
     notes = far_off(body, channels, x, 5.0 * off)
-    assert "0.01 m (median)" in notes[0] and distrusted(["else", *notes]) == notes
+    assert "10 mm (median)" in notes[0] and distrusted(["else", *notes]) == notes
 
 
 def test_small_slow_bodies_need_no_substeps_for_speeds_they_do_not_have():
