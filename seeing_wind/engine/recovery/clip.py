@@ -247,7 +247,7 @@ def _keep(found: Found, frames: int) -> Kept:
     covariance = covariance_with(found.last.point.normal + replace(found.prior, stretch=None).precision(), found.joint)
     path, acceleration = found.trajectory, found.forward.acceleration(found.last.theta)[:frames]
     deviation = posterior_deviation(found.forward, covariance)[:frames]
-    knot = knots_for_variance(found.prior.kernel, found.forward.basis, path.x, PACE.knot, PRIOR.hurried)
+    knot = knots_for_variance(found.prior.kernel, found.forward.basis, path.x, PACE.knot, PRIOR.between_knots)
     if found.forward.shape[1] == 1:
         deviation = np.hypot(deviation, unseen_variation(acceleration))
     return Kept(

@@ -68,9 +68,9 @@ class PriorConstants:
     unexpected: float = constant(
         1e-4, "1", "Share of the field's variance over the body that may lie in modes which a solve leaves out.", "Chosen."
     )
-    hurried: float = constant(
-        1e-3, "1", "Share of the field's variance at one place that straight lines between knots may miss; they get denser beyond it.",
-        "A card that flutters asks for a knot in every frame: 5e-3; a stalk in gusts gains nothing by it: 8e-4.",
+    between_knots: float = constant(
+        1e-3, "1", "Share of the field's variance along the body's path that straight lines between knots may miss: more makes them denser.",
+        "In every second frame, they miss more for cards and a spinning banner, which gain most by denser ones; less for stalks and a sheet.",
     )  # fmt: skip
 
     stiffness_spread: float = constant(
