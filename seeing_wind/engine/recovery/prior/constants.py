@@ -69,7 +69,7 @@ class PriorConstants:
         1e-4, "1", "Share of the field's variance over the body that may lie in modes which a solve leaves out.", "Chosen."
     )
     between_knots: float = constant(
-        1e-3, "1", "Share of the field's variance along the body's path that straight lines between knots may miss, before they get denser.",
+        1e-3, "1", "Share of the field's variance along the body's path that straight lines between knots may miss before they get denser.",
         "In every second frame they miss more for cards and a spinning banner, which gain by denser ones; less for stalks and a sheet.",
     )  # fmt: skip
 
