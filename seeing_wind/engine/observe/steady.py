@@ -64,7 +64,8 @@ def steady_clip(clip: Clip, settings: ObserveSettings, progress: Progress, journ
     progress.update(0.05, "looking at the background")
     still = stands_still(clip.frames, camera, around)
     doubts, asked = [*clip.doubts], None if settings.camera is not None else beside.submit(camera_doubts, clip.frames, around, progress)
-    doubts += [one for one in (contradicted(clip.frames, camera, around, distance),) if one is not None]
+    if (wrong_path := contradicted(clip.frames, camera, around, distance)) is not None:
+        doubts.append(wrong_path)
     turns = None if still or settings.camera is not None else camera_turns(clip.frames, camera, around, progress, journal)
     if turns is not None:
         progress.warn("The camera is not quite still; it is taken to turn in the hand, and its turns are taken out.")
