@@ -174,7 +174,7 @@ def main() -> None:
         print(json.dumps({"type": "result", **observe(options)}))
         return
     if verb == "doctor":
-        missing = {"name": "gsplat", "ok": False, "detail": "not installed", "advice": "pip install gsplat", "optional": True}
+        missing = {"name": "transformers", "ok": False, "detail": "not installed", "advice": "pip install transformers", "optional": True}
         checks = [{"name": "torch", "ok": True, "detail": "CPU"}, missing]
         print(json.dumps({"type": "result", "outcome": "converged", "checks": checks}))
         return

@@ -12,10 +12,7 @@ from typing import Any
 
 REQUIRED = ("numpy", "scipy", "torch", "opencv-python-headless", "safetensors", "trimesh", "matplotlib")
 """Besides the compiler that the solver was told to use: the check *solver* tries that one."""
-OPTIONAL = {
-    "gsplat": "faster Gaussian splatting on CUDA: `pip install gsplat`",
-    "transformers": "optional perception models: `pip install seeing-wind[models]`",
-}
+OPTIONAL = {"transformers": "optional perception models: `pip install seeing-wind[models]`"}
 
 
 def examine() -> list[dict[str, Any]]:

@@ -15,9 +15,8 @@ from ..observe.object import Built, SheetBuilt
 from ..observe.object.shape.relief import Relief
 from ..progress import NoProgress, Progress
 from ..records import Body, Camera, Gaussians, Observation
-from . import gsplat_backend
 from .gaussians import SH0, Crop, pixel_aligned
-from .splatting import NEAR, Tiles, blend, project, tiles_of
+from .splatting import Tiles, blend, project, tiles_of
 
 POOR_LOOK = 25.0
 """PSNR [dB] under which the user is told that the Gaussians do not show the object well."""
@@ -112,11 +111,8 @@ def _fit(gaussians: Gaussians, views: Sequence[View], iterations: int, progress:
     )
     decay = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, max(iterations, 1), eta_min=0.0)
 
-    def render(camera: Camera, renew: Tiles | None) -> tuple[torch.Tensor, torch.Tensor, Tiles | None]:
+    def render(camera: Camera, renew: Tiles | None) -> tuple[torch.Tensor, torch.Tensor, Tiles]:
         stretched = axes * torch.exp(scale)[:, None, :]
-        if gsplat_backend.usable():
-            spread = stretched @ stretched.transpose(1, 2)
-            return *gsplat_backend.draw(x, spread, torch.sigmoid(opacity), 0.5 + SH0 * sh, camera, 0, NEAR), renew
         mean, flat, depth = project(x, stretched @ stretched.transpose(1, 2), camera)
         tiles = renew or tiles_of(mean, flat, depth, camera.width, camera.height)
         return *blend(mean, flat, torch.sigmoid(opacity), 0.5 + SH0 * sh, tiles, camera.width, camera.height), tiles

@@ -14,7 +14,6 @@ import torch
 
 from ..field.torch_threads import one_torch_thread
 from ..records import Camera, Gaussians
-from . import gsplat_backend
 from .gaussians import covariances, rest_covariances
 from .harmonics import seen_colours
 
@@ -162,10 +161,7 @@ def render_gaussians(
         place, shape = torch.from_numpy(centres).float(), torch.from_numpy(spread).float()
         colour = torch.from_numpy(seen_colours(gaussians, centres, camera.pose(frame)[:3, 3], F)).float()
         opacity = torch.from_numpy(gaussians.opacity).float()
-        if gsplat_backend.usable():
-            image, alpha = gsplat_backend.draw(place, shape, opacity, colour, camera, frame, NEAR)
-        else:
-            mean, flat, depth = project(place, shape, camera, frame)
-            tiles = tiles_of(mean, flat, depth, camera.width, camera.height)
-            image, alpha = blend(mean, flat, opacity, colour, tiles, camera.width, camera.height)
+        mean, flat, depth = project(place, shape, camera, frame)
+        tiles = tiles_of(mean, flat, depth, camera.width, camera.height)
+        image, alpha = blend(mean, flat, opacity, colour, tiles, camera.width, camera.height)
     return image.numpy(), alpha.numpy()

@@ -11,13 +11,13 @@ def test_the_doctor_shows_every_check_and_what_to_do() -> None:
     out = io.StringIO()
     checks = [
         {"name": "torch", "ok": True, "detail": "CPU only"},
-        {"name": "gsplat", "ok": False, "detail": "not installed", "advice": "pip", "optional": True},
+        {"name": "transformers", "ok": False, "detail": "not installed", "advice": "pip", "optional": True},
         {"name": "scipy", "ok": False, "detail": "not installed", "advice": "make setup"},
     ]
     Console(out).show({"type": "result", "outcome": "converged", "checks": checks, "seconds": 2.0})
     assert out.getvalue().splitlines() == [
         "      ok  torch: CPU only",
-        "optional  gsplat: not installed (pip)",
+        "optional  transformers: not installed (pip)",
         " missing  scipy: not installed (make setup)",
         "converged, seconds 2",
     ]

@@ -285,7 +285,7 @@ def test_doctor_leaves_its_findings_as_a_text(workplace, scene) -> None:
     assert bpy.ops.seeing_wind.doctor() == {"FINISHED"}
     text = bpy.data.texts["Seeing Wind Engine"].as_string()
     assert str(workplace / "fake_python") in text
-    assert "Not needed, for further uses:\n  not here  gsplat: not installed  pip install gsplat" in text
+    assert "Not needed, for further uses:\n  not here  transformers: not installed  pip install transformers" in text
     assert now(scene)["engine"].message.startswith("The engine is complete, with none of its 1 optional parts.")
 
 
