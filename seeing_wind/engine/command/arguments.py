@@ -189,6 +189,19 @@ def settings_of(cls: type, arguments: argparse.Namespace, **more: Any) -> Any:
     return cls(**values)
 
 
+def observe_settings(arguments: argparse.Namespace) -> ObserveSettings:
+    """What is asked of the stage *observe*. Points are recognised where the body may be a sheet, or nobody knows yet.
+
+    Raises:
+        MaterialError: an unknown material, or numbers that are not physical.
+    """
+    from ..observe.object.body import may_be_sheet
+
+    sheet = may_be_sheet(settings_of(BuildSettings, arguments))
+    unknown = getattr(arguments, "material_endpoint", None) is not None
+    return settings_of(ObserveSettings, arguments, recognise=sheet or unknown)
+
+
 def properties_of(arguments: argparse.Namespace) -> dict[str, Any]:
     """What the options say of the material, as `materials.adjust` takes it; None where they do not."""
     return {one.name: getattr(arguments, one.name) for one in options_of(BuildSettings).values() if one.group == MADE and one.optional}

@@ -14,10 +14,10 @@ from ..conventions import BODY, TIME
 from ..errors import MaterialError, ObjectError
 from ..progress import Progress, in_words
 from ..records import Observation
-from ..settings import BuildSettings, ObserveSettings, RecoverSettings
+from ..settings import BuildSettings, RecoverSettings
 from ..stages import observe_stage
 from ..take import Take
-from .arguments import settings_of
+from .arguments import observe_settings, settings_of
 from .lock import held
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ def observe(arguments: argparse.Namespace, progress: Progress) -> dict[str, Any]
     from ..observe.preview.verdicts import judge
 
     require_clip(arguments.clip)
-    settings = settings_of(ObserveSettings, arguments)
+    settings = observe_settings(arguments)
     started = time.perf_counter()
     with held(Take(arguments.take), arguments.verb, progress) as take, ThreadPoolExecutor(1) as beside:
         seen, _ = observe_stage(take, arguments.clip, settings, progress)

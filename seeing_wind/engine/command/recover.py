@@ -16,7 +16,7 @@ from ..records import Body, Observation, Outcome, Recovery, TrackTargets
 from ..settings import BuildSettings, ObserveSettings, RecoverSettings, WindSettings
 from ..stages import build_stage, check_sheet, check_solve, frame_loss, lift_stage, observe_stage, track_targets, write_gaussians
 from ..take import Take, stamp_of
-from .arguments import properties_of, settings_of
+from .arguments import observe_settings, properties_of, settings_of
 from .join import join
 from .lock import held
 from .reporting import diverged_result, report_result
@@ -128,7 +128,7 @@ def _recover_into(
     from ..recovery.wind.stage import wind_stage
 
     seconds = dict[str, float]()
-    observing = settings_of(ObserveSettings, arguments)
+    observing = observe_settings(arguments)
     observation, seen = _timed(seconds, "observe", lambda: observe_stage(take, arguments.clip, observing, progress))
     building = settings_of(BuildSettings, arguments)
     if endpoint is not None:

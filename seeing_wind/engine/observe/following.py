@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -87,7 +87,10 @@ def follow(
     _tell_lost(areas(masks) > 0, progress)
     if given is not None:
         return masks, Tracks(*given, np.zeros(given[0].shape[1], bool))
-    return masks, _tracks_of(points, len(corners), frames, masks, plate, progress)
+    found = _tracks_of(points, len(corners), frames, masks, plate, progress)
+    if settings.recognise and len(corners) >= ENOUGH and not found.on_centroid.all() and are_lost(found.visible):
+        found = replace(found, recognised=recognise(frames, masks, progress.part(0.9, 0.95)))
+    return masks, found
 
 
 def _tracks_of(points: Generations, first: int, frames: Frames, masks: Masks, plate: Plate | None, progress: Progress) -> Tracks:
@@ -101,8 +104,7 @@ def _tracks_of(points: Generations, first: int, frames: Frames, masks: Masks, pl
     few = not last and (enough[:half].mean() < 0.75 or masks[0].sum() < FEW_PATCHES)
     if few or _flicker(early, half):
         return _centroid_alone(frames, masks, plate, progress)
-    again = recognise(frames, masks, progress.part(0.9, 0.95)) if first >= ENOUGH and are_lost(visible) else None
-    found = Tracks(xy, visible, sigma, np.zeros(xy.shape[1], bool), again)
+    found = Tracks(xy, visible, sigma, np.zeros(xy.shape[1], bool))
     return found if last else _with_centroid(frames, masks, plate, found, enough, progress)
 
 
@@ -151,5 +153,4 @@ def _with_centroid(frames: Frames, masks: Masks, plate: Plate | None, corners: T
         np.concatenate([corners.visible, joins[:, None]], axis=1),
         np.concatenate([corners.sigma, sigma[:, None]], axis=1),
         np.append(corners.on_centroid, True),
-        corners.recognised,
     )

@@ -186,32 +186,11 @@ class Clip:
         """What the blocks add up to."""
         x = np.concatenate([one.trajectory.x[:-1] for one in kept] + [kept[-1].trajectory.x[-1:]])
         F = np.concatenate([one.trajectory.F[:-1] for one in kept] + [kept[-1].trajectory.F[-1:]])
-        residual = self.objective.root_mean_square(x)
-        lost = astray(self.particles, self.objective.channels, x, residual)
-        if lost and not views:
-            raise ObjectError(lost, "Check the unit of the points, their order, fps and the material; cut the file where the body jumps.")
-        self.notes += wider_remarks(self.particles) + motion_remarks(self.particles, x, residual, views)
-        self.notes += held_remarks(self.particles, self.objective.channels)
-        self.notes += wild_remarks(self.objective.channels)
-        wild = np.concatenate([one.wild for one in kept])
-        self.notes += end_remarks(wild)
         acceleration = np.concatenate([one.acceleration for one in kept])
-        if not self.particles.pinned.any():
-            self.notes += force_remarks(acceleration, material.density, x, self.fps, self.settings.gravity)
-        held_up = reaction_remarks(self.particles, acceleration, x, self.settings.gravity)
-        self.notes[:0] = held_up
-        if lost:
-            self.notes.insert(0, f"{lost} {DISTRUST}: check the outline, the tracks and the scale.")
-        elif views:
-            self.notes[:0] = far_off(self.particles, self.objective.channels, x, residual)
-        deviation = np.concatenate([one.deviation for one in kept])
-        for one in self.objective.channels:
-            if isinstance(one, PointChannels):
-                missed = np.where(self.still, 0.0, missed_acceleration(one.targets, x, self.fps))
-                deviation = np.hypot(deviation, missed[:, None, None])
-        if held_up:  # how much of the force is what holds the body up the clip does not tell
-            deviation = np.hypot(deviation, np.linalg.norm(self.settings.gravity))
-        self.notes += remark(self.stiffness, self.model, self.particles)
+        wild = np.concatenate([one.wild for one in kept])
+        residual = self.objective.root_mean_square(x)
+        held_up = self._remark(x, acceleration, material.density, residual, views, wild)
+        deviation = self._deviation(np.concatenate([one.deviation for one in kept]), x, held_up)
         return Recovery(
             outcome=Outcome.CONVERGED if all(one.converged for one in kept) else Outcome.MAX_ITERATIONS,
             force_density=material.density * acceleration,
@@ -235,6 +214,46 @@ class Clip:
             substeps=scaled(self.model, self.stiffness.s).substeps,
             wild=wild if wild.any() else None,
         )
+
+    def _remark(
+        self, x: np.ndarray, acceleration: np.ndarray, density: float, residual: np.ndarray, views: int, wild: np.ndarray
+    ) -> bool:
+        """Note what the motion x (T+1, N, 3) [m] and the acceleration (T, N, 3) [m/s²] do not tell, the worst first.
+
+        Returns:
+            Whether the force is only what holds the body up against gravity.
+
+        Raises:
+            ObjectError: when points in 3D are not followed; with tracks the take is kept, to be looked at.
+        """
+        lost = astray(self.particles, self.objective.channels, x, residual)
+        if lost and not views:
+            raise ObjectError(lost, "Check the unit of the points, their order, fps and the material; cut the file where the body jumps.")
+        self.notes += wider_remarks(self.particles) + motion_remarks(self.particles, x, residual, views)
+        self.notes += held_remarks(self.particles, self.objective.channels)
+        self.notes += wild_remarks(self.objective.channels)
+        self.notes += end_remarks(wild)
+        if not self.particles.pinned.any():
+            self.notes += force_remarks(acceleration, density, x, self.fps, self.settings.gravity)
+        held_up = reaction_remarks(self.particles, acceleration, x, self.settings.gravity)
+        self.notes[:0] = held_up
+        if lost:
+            self.notes.insert(0, f"{lost} {DISTRUST}: check the outline, the tracks and the scale.")
+        elif views:
+            self.notes[:0] = far_off(self.particles, self.objective.channels, x, residual)
+        self.notes += remark(self.stiffness, self.model, self.particles)
+        return bool(held_up)
+
+    def _deviation(self, posterior: np.ndarray, x: np.ndarray, held_up: bool) -> np.ndarray:
+        """(T, N, 3) of the acceleration [m/s²]: the posterior's, what the motion misses, and gravity where only that is answered."""
+        deviation = posterior
+        for one in self.objective.channels:
+            if isinstance(one, PointChannels):
+                missed = np.where(self.still, 0.0, missed_acceleration(one.targets, x, self.fps))
+                deviation = np.hypot(deviation, missed[:, None, None])
+        if held_up:  # how much of the force is what holds the body up the clip does not tell
+            deviation = np.hypot(deviation, np.linalg.norm(self.settings.gravity))
+        return deviation
 
 
 def _solved(solver: BlockSolver, frames: int) -> Kept:

@@ -5,7 +5,8 @@
 A *copy* is one simulation among several, a *base* one that is kept and linearised so that changes can be carried along it, a *change*
 one direction so carried; c, b and d [s] are measured by a short run of the kernels and kept beside them. How often the solve does each is
 foreseen from its schedule (`solve.block`, `solve.first_field`, `solve.onward`), of which a usual clip takes the part that `Usual` says.
-Few clips are far from it; a body that strays and is followed again takes several times as long, and nobody knows before.
+Few clips are far from it; a body that strays and is followed again takes several times as long, and a force that needs a knot in every
+frame up to twice as long, and nobody knows before.
 
 What is foreseen needs no solver, so that a preview can say it, too.
 """

@@ -74,22 +74,12 @@ def recover(
     moving = clamp_motion(particles, targets, fps) if isinstance(targets, PointTargets) else None
     if moving is not None:
         sources = [moving.in_clamp_frame(one) for one in sources if isinstance(one, PointTargets)]
-    channels: list[Channels] = []
-    for one in sources:
-        if isinstance(one, PointTargets):
-            channels.append(point_channels(particles, one, plastic))
-        else:
-            channels.append(track_channels(particles, one, plastic))
+    channels = [_channels(particles, one, plastic) for one in sources]
     notes = [] if moving is None else [moving_clamp_remark(moving)]
     if material.law not in LAWS:
         notes.append(f"{material.name}: the solver has no law {material.law}; the force was recovered as if the body were elastic.")
         material = replace(material, law="corotated")
-    model, model_notes = model_for(
-        particles, material, fps, gravity=settings.gravity, clamp_depth=settings.clamp_depth,
-        speed=min([LIMITS.default_speed, *(PACE.haste * _fastest(one.targets, fps) for one in channels if isinstance(one, PointChannels))]),
-    )  # fmt: skip
-    if particles.pinned.any() and not plastic:
-        model = _with_finer_substeps(model, channels)
+    model, model_notes = _model(particles, material, channels, fps, settings, plastic)
     if moving is not None:
         model = replace(model, gravity=moving.gravity(particles, model.gravity))
     objective = Objective(channels)
@@ -102,6 +92,27 @@ def recover(
     views = len(sources) if isinstance(sources[0], TrackTargets) else 0
     found = clip.result(clip.solved(), material, views, began)
     return found if moving is None else moving.carried(found, material.density, np.asarray(settings.gravity), model.gravity)
+
+
+def _channels(particles: Particles, seen: PointTargets | TrackTargets, plastic: bool) -> Channels:
+    """What is compared with the simulation, of points in 3D or of one camera's tracks."""
+    if isinstance(seen, PointTargets):
+        return point_channels(particles, seen, plastic)
+    return track_channels(particles, seen, plastic)
+
+
+def _model(
+    particles: Particles, material: Material, channels: Sequence[Channels], fps: float, settings: RecoverSettings, plastic: bool
+) -> tuple[Model, list[str]]:
+    """The solver's model of the body, stable at the speeds that points in 3D were seen to have, and notes on what it had to change."""
+    seen = [one.targets for one in channels if isinstance(one, PointChannels)]
+    speed = min([LIMITS.default_speed, *(PACE.haste * _fastest(one, fps) for one in seen)])
+    model, notes = model_for(particles, material, fps, gravity=settings.gravity, clamp_depth=settings.clamp_depth, speed=speed)
+    if not particles.pinned.any() or plastic:
+        return model, notes
+    # A held body has the substeps that it wants where points in 3D swing far.
+    times = max((refinement(one, model.dx, model.frame_dt, model.substeps) for one in seen), default=1.0)
+    return (replace(model, substeps=math.ceil(times * model.substeps), refined=times) if times > 1.0 else model), notes
 
 
 def _still(
@@ -125,13 +136,6 @@ def _stiffness(particles: Particles, model: Model, settings: RecoverSettings, kn
     if not particles.pinned.any():
         raise UsageError("--body is for a held body; this one is free.", "Leave it out, or mark what is held.")
     return known.stiffness_of(particles, model, free)
-
-
-def _with_finer_substeps(model: Model, channels: Sequence[Channels]) -> Model:
-    """A held body with the substeps that it wants where points in 3D swing far."""
-    seen = (one.targets for one in channels if isinstance(one, PointChannels))
-    times = max((refinement(one, model.dx, model.frame_dt, model.substeps) for one in seen), default=1.0)
-    return replace(model, substeps=math.ceil(times * model.substeps), refined=times) if times > 1.0 else model
 
 
 def refinement(targets: PointTargets, dx: float, frame_dt: float, substeps: int) -> float:

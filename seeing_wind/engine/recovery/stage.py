@@ -89,16 +89,21 @@ def recover_stage(
             take.finish("solve", solved, to_mapping(told))
     with TakeJournal(take, stamp, progress) as journal:
         field = _fit_field(recovery, particles, material, fps, settings, progress, journal, seconds)
-        with take.writing(FITTED) as path:
-            field.save(path)
-        # A full disk stops either of the stamps, before both files are renamed or after: what is there belongs together.
-        take.withdraw("recover")
-        take.file("wind.safetensors").unlink(missing_ok=True)  # it belongs to the field that goes
-        if take.file(SOLVED).is_file():
-            systems.replace(take.file(SOLVED), take.file(TRAJECTORY))
-        systems.replace(take.file(FITTED), take.file("field.safetensors"))
+        _publish(take, field)
         take.finish("recover", stamp, to_mapping(told))
     return recovery, field, seconds, expected
+
+
+def _publish(take: Take, field: ForceField) -> None:
+    """Put a field and the trajectory that it belongs to in the places of the former ones."""
+    with take.writing(FITTED) as path:
+        field.save(path)
+    # A full disk stops either of the stamps, before both files are renamed or after: what is there belongs together.
+    take.withdraw("recover")
+    take.file("wind.safetensors").unlink(missing_ok=True)  # it belongs to the field that goes
+    if take.file(SOLVED).is_file():
+        systems.replace(take.file(SOLVED), take.file(TRAJECTORY))
+    systems.replace(take.file(FITTED), take.file("field.safetensors"))
 
 
 def _foretell(

@@ -89,3 +89,5 @@ class ObserveSettings:
     mask_model: str | None = _network("the object's outline, followed through the clip: SAM 2")
     track_model: str | None = _network("point tracks: CoTracker 3")
     seed: int = seed_option()
+    recognise: bool = False
+    """Find points again that folds have hidden, which a sheet needs, and only a sheet."""

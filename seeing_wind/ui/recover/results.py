@@ -25,7 +25,7 @@ from ..field.samples import samples_of
 from ..field.solvers import physics_nodes
 from ..job import status
 from ..job.panel_words import in_panel_words, in_scene_frames
-from ..job.take_reading import Seen, field_summary, read_seen, recovery_notes, wind_told
+from ..job.take_reading import FieldSummary, Seen, WindTold, field_summary, read_seen, recovery_notes, wind_told
 from ..scene_units import metres_per_unit
 from ..user_paths import absolute
 from .fill import fill
@@ -66,22 +66,61 @@ def build(scene: bpy.types.Scene, folder: Path, clip: str = "") -> bool:
     settings, take = scene.seeing_wind, Take(folder)
     field, where, told = field_summary(take), places(take), wind_told(take)
     blown = told if told is not None and told.is_wind else None
-    at_nodes, at_arrows, sure_arrows = _sampled(take, where, field.frames, blown is not None)
+    sampled = _sampled(take, where, field.frames, blown is not None)
     seen = read_seen(take, field)
+    path = "" if seen is None else clip or clip_of_take(settings, field.clip, folder)
     if seen is not None:
-        path = clip or clip_of_take(settings, field.clip, folder)
-        known = found_clip(path, scene)
-        if known is not None:
-            settings.frame_start = start_of(known, field.first_frame, settings.frame_start)
-        _forget_deleted_camera(settings)
-        settings.camera_object = setup_clip_scene(
-            scene, path, vars(seen.camera), field.fps, field.first_frame, field.frames, settings.frame_start, followed(scene)
-        )
-
+        _show_clip(scene, path, field, seen)
     _leave_to_others(settings)
     _keep_other_take(settings, folder)
     former, followers, groups = made_before(settings), physics_nodes.companions(settings.field_object), _groups(settings.recovered_object)
     collection = collection_of(scene, settings.field_object)
+    made = _objects(scene, folder, field, where, sampled, blown, collection)
+    if seen is not None and seen.surface is not None:
+        made["recovered_object"] = _recovered(scene, seen, field.fps, collection)
+    kept = _in_place(scene, former, made)
+    for name in POINTERS:
+        setattr(settings, name, kept.get(name))
+    if settings.real_time:
+        conform(scene, settings.field_object, True)
+    frame_of = pace_of_scene(scene).frame_of
+    settings.field_verdict = " ".join(in_panel_words(in_scene_frames(note, frame_of)) for note in told.notes) if told is not None else ""
+    settings.answers_gravity = any(note.startswith(UNHELD) for note in recovery_notes(take))
+    filled = seen is not None and fill(scene, take, path)
+    _clear_the_view(scene)
+    physics_nodes.follow(followers, settings.field_object)
+    if settings.recovered_object is not None:
+        _restore_groups(settings.recovered_object, groups)
+    return filled
+
+
+def _show_clip(scene: bpy.types.Scene, path: str, field: FieldSummary, seen: Seen) -> None:
+    """The camera of the take with the video at `path` behind it.
+
+    Raises:
+        ClipError: when Blender cannot read the clip.
+    """
+    settings = scene.seeing_wind
+    known = found_clip(path, scene)
+    if known is not None:
+        settings.frame_start = start_of(known, field.first_frame, settings.frame_start)
+    _forget_deleted_camera(settings)
+    settings.camera_object = setup_clip_scene(
+        scene, path, vars(seen.camera), field.fps, field.first_frame, field.frames, settings.frame_start, followed(scene)
+    )
+
+
+def _objects(
+    scene: bpy.types.Scene,
+    folder: Path,
+    field: FieldSummary,
+    where: Places,
+    sampled: tuple[SampledField, np.ndarray, np.ndarray],
+    blown: WindTold | None,
+    collection: bpy.types.Collection,
+) -> dict[str, bpy.types.Object]:
+    """The field object, its samples, its arrows and their legend, by the names of `POINTERS`."""
+    settings, (at_nodes, at_arrows, sure_arrows) = scene.seeing_wind, sampled
     wind = create_field_object(
         scene, "Recovered Wind", at_nodes, fps=field.fps, density=field.density,
         frame_start=settings.frame_start, reach=settings.own_reach, take=folder,
@@ -100,23 +139,7 @@ def build(scene: bpy.types.Scene, folder: Path, clip: str = "") -> bool:
         "Recovered Wind Legend", arrows["seeing_wind_peak"], arrows["seeing_wind_units"], aside, 0.4 * float((high - low).max()),
         collection, wind,
     )  # fmt: skip
-    made = {"field_object": wind, SAMPLES_OBJECT: samples_of(wind), "arrows_object": arrows, LEGEND: legend}
-    if seen is not None and seen.surface is not None:
-        made["recovered_object"] = _recovered(scene, seen, field.fps, collection)
-    kept = _in_place(scene, former, made)
-    for name in POINTERS:
-        setattr(settings, name, kept.get(name))
-    if settings.real_time:
-        conform(scene, settings.field_object, True)
-    frame_of = pace_of_scene(scene).frame_of
-    settings.field_verdict = " ".join(in_panel_words(in_scene_frames(note, frame_of)) for note in told.notes) if told is not None else ""
-    settings.answers_gravity = any(note.startswith(UNHELD) for note in recovery_notes(take))
-    filled = seen is not None and fill(scene, take, path)
-    _clear_the_view(scene)
-    physics_nodes.follow(followers, settings.field_object)
-    if settings.recovered_object is not None:
-        _restore_groups(settings.recovered_object, groups)
-    return filled
+    return {"field_object": wind, SAMPLES_OBJECT: samples_of(wind), "arrows_object": arrows, LEGEND: legend}
 
 
 def _sampled(take: Take, where: Places, frames: int, wind: bool) -> tuple[SampledField, np.ndarray, np.ndarray]:

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import cv2
 import numpy as np
 import pytest
 from scenes import noise
 
+from seeing_wind.engine.command.arguments import observe_settings, parser
 from seeing_wind.engine.masks import Masks
+from seeing_wind.engine.observe import observe
 from seeing_wind.engine.observe.clip.shake import as_filmed, homography
 from seeing_wind.engine.observe.tracks.recognise import are_lost, recognise
 from seeing_wind.engine.progress import Cancelled, NoProgress, Progress
 from seeing_wind.engine.record_arrays import from_arrays, to_arrays
 from seeing_wind.engine.records import Camera, Recognised
+from seeing_wind.engine.settings import ObserveSettings
 
 HEIGHT, WIDTH, SIDE = 240, 320, 120
 MOTIONS = [
@@ -72,6 +77,33 @@ def test_it_is_looked_for_only_where_tracks_get_lost():
     visible[3, :6] = False
     assert are_lost(visible)
     assert not are_lost(np.zeros((5, 0), bool))
+
+
+def test_only_what_may_be_a_sheet_is_recognised_in_a_clip(tmp_path):
+    folded = filmed([print_of(0)] * 2)[0][:1].repeat(6, axis=0)
+    folded[3:5, 50:170, 100:180] = 128  # a fold hides two thirds of the print
+    for number, frame in enumerate(folded):
+        cv2.imwrite(str(tmp_path / f"{number:04d}.png"), frame[..., ::-1])
+    asked = ObserveSettings(fps=25.0, box=(55.0, 45.0, 185.0, 175.0), distance=1.0)
+    assert observe(tmp_path, asked, NoProgress()).recognised is None
+    again = observe(tmp_path, dataclasses.replace(asked, recognise=True), NoProgress()).recognised
+    assert again is not None and (again.frame == 5).sum() > 40
+
+
+@pytest.mark.parametrize(
+    ("words", "sought"),
+    [
+        ([], False),
+        (["--material", "cotton"], True),
+        (["--material", "cotton", "--form", "solid"], False),
+        (["--material", "leaf", "--form", "sheet"], True),
+        (["--material", "cotton", "--law", "von_mises", "--yield-stress", "1e4"], False),
+        (["--material-endpoint", "http://localhost:1", "--material-model", "any"], True),
+    ],
+)
+def test_which_body_is_recognised(words, sought):
+    asked = parser().parse_args(["recover", "clip.mp4", "--take", "a.take", "--box", "0", "0", "9", "9", *words])
+    assert observe_settings(asked).recognise == sought
 
 
 def test_it_can_be_cancelled():

@@ -126,15 +126,23 @@ def rest_body(observation: Observation, settings: BuildSettings) -> tuple[Materi
     return material, fill_solid(observation, settings, material, NoProgress())[1]
 
 
+def may_be_sheet(settings: BuildSettings) -> bool:
+    """Whether `build` makes a thin sheet of an object that is large enough, or has been asked for one. Raises MaterialError as `build`."""
+    if settings.form != "auto":
+        return settings.form == "sheet"
+    known = SHEETS.get(find(settings.material).name)
+    return known is not None and known.woven and material_of(settings).law not in PLASTIC_LAWS
+
+
 def _sheet(observation: Observation, settings: BuildSettings, material: Material, progress: Progress) -> Sheet | None:
     """The numbers of the sheet that the object is built as, None for a solid.
 
     Raises:
         MaterialError: a sheet is asked for, and its material is none or flows.
     """
-    known = SHEETS.get(find(settings.material).name)
-    if settings.form == "solid" or (settings.form == "auto" and (known is None or material.law in PLASTIC_LAWS)):
+    if not may_be_sheet(settings):
         return None
+    known = SHEETS.get(find(settings.material).name)
     if known is None:
         raise MaterialError(f"{material.name} is not known as a sheet.", f"Give one of {', '.join(sorted(SHEETS))}, or --form solid.")
     if material.law in PLASTIC_LAWS:
@@ -142,7 +150,7 @@ def _sheet(observation: Observation, settings: BuildSettings, material: Material
     sheet = known.with_own(settings.density, settings.youngs_modulus, settings.poisson_ratio, settings.thickness)
     if settings.form == "sheet":
         return sheet
-    if not sheet.woven or sheet.bending_length > LIMP * np.sqrt(area_of(observation)):
+    if sheet.bending_length > LIMP * np.sqrt(area_of(observation)):
         return None
     tracks = int((observation.visible[0] & ~observation.on_centroid).sum())
     if tracks < FEWEST:

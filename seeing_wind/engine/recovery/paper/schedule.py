@@ -107,17 +107,18 @@ def recover_by_descent(
         descent = _Descent(model, field, motion, settings.frame_iterations, frames, progress, journal)
         for t in range(frames):
             state = descent.frame(t, state)
-    acceleration = np.stack(descent.accelerations)
     x = np.stack([particles.x, *descent.x])
     residual = tracking.distance(x)
-    metres = residual if isinstance(targets, PointTargets) else residual * _metres_per_pixel(targets, particles)
-    if not isinstance(targets, PointTargets) and len(views) == 1:
+    in_metres = isinstance(targets, PointTargets)
+    if not in_metres and len(views) == 1:
         notes.append(
             "Force along the view is low confidence from one camera: a second view, a known length or a held part would settle it."
         )
     missed = sum(misfit > FOUND for misfit in descent.misfits)
     if missed:
         notes.append(f"{missed} of {frames} frames kept a misfit above {FOUND:g} of the motion that the force causes in a frame.")
+    acceleration = np.stack(descent.accelerations)
+    metres = residual if in_metres else residual * _metres_per_pixel(targets, particles)
     return Recovery(
         outcome=Outcome.MAX_ITERATIONS if missed else Outcome.CONVERGED,
         force_density=material.density * acceleration,
@@ -126,7 +127,7 @@ def recover_by_descent(
         F=np.stack([np.tile(np.eye(3), (len(particles.x), 1, 1)), *descent.F]),
         v0=start.velocity,
         residual=residual,
-        residual_unit="m" if isinstance(targets, PointTargets) else "px",
+        residual_unit="m" if in_metres else "px",
         iterations=descent.iterations,
         seconds=time.monotonic() - began,
         notes=notes,
