@@ -156,7 +156,7 @@ def bare(monkeypatch, tmp_path) -> SimpleNamespace:
     home = tmp_path / "user" / "python" / "standalone"
     monkeypatch.setattr(standalone, "place", lambda create: (home.parent.mkdir(parents=True, exist_ok=True) if create else None) or home)
     monkeypatch.setattr(engine_install, "user_environment", lambda create: tmp_path / "user" / "engine")
-    monkeypatch.setattr(choices, "preferences", lambda: SimpleNamespace(python="", torch="CPU", wheels=str(tmp_path)))
+    monkeypatch.setattr(choices, "preferences", lambda: SimpleNamespace(python="", wheels=str(tmp_path)))
     monkeypatch.setattr(engine_environment.shutil, "which", lambda name: None)
     monkeypatch.setattr(engine_environment, "version_of", lambda python: (3, 14) if python == sys.executable else (3, 13))
     return SimpleNamespace(home=home)

@@ -93,13 +93,13 @@ def outcome(messages: job.Messages) -> tuple[dict, list[dict]]:
 
 
 def test_from_a_folder_of_wheels_without_network(place) -> None:
-    last, said = outcome(engine_install.run(place.base, place.environment, "CPU", str(place.wheels)))
+    last, said = outcome(engine_install.run(place.base, place.environment, str(place.wheels)))
     assert last["outcome"] == "done", said[-4:]
     assert (place.environment / engine_environment.MARKER).is_file()
     fractions = [message["fraction"] for message in said if message["type"] == "progress"]
     assert fractions == sorted(fractions) and fractions[-1] >= 0.95
     # a second time nothing has to be made
-    programs = engine_install.programs(place.base, place.environment, "CPU", str(place.wheels))
+    programs = engine_install.programs(place.base, place.environment, str(place.wheels))
     assert [program.title for program in programs] == ["Installing PyTorch", "Installing packages", "Trying the engine"]
 
 
@@ -152,12 +152,12 @@ def index(place, monkeypatch) -> Iterator[type[Index]]:
 
 def test_a_broken_download_is_told_and_the_next_try_goes_on(place, index) -> None:
     index.broken = "one_package"
-    last, said = outcome(engine_install.run(place.base, place.environment, "CPU", ""))
+    last, said = outcome(engine_install.run(place.base, place.environment, ""))
     errors = [message for message in said if message["type"] == "error"]
     assert last["outcome"] == "failed" and "Downloading packages stopped" in errors[0]["message"] and "again" in errors[0]["hint"]
     assert not (place.environment / engine_environment.MARKER).is_file() and index.sent.count("torch-2.5.0-py3-none-any.whl") == 1
     index.broken = ""
-    last, said = outcome(engine_install.run(place.base, place.environment, "CPU", ""))
+    last, said = outcome(engine_install.run(place.base, place.environment, ""))
     assert last["outcome"] == "done", said[-4:]
     assert not any("Making the environment" in str(message.get("message")) for message in said)
     assert index.sent.count("torch-2.5.0-py3-none-any.whl") == 1, "what was there already is not fetched again"
@@ -166,7 +166,7 @@ def test_a_broken_download_is_told_and_the_next_try_goes_on(place, index) -> Non
 
 def test_cancel_leaves_what_the_next_try_uses(place) -> None:
     wheel(place.wheels, "torch", "2.5.0", "BUILD = 'from PyPI'", more=40_000)  # or pip would be through before it is told
-    messages = engine_install.run(place.base, place.environment, "CPU", str(place.wheels))
+    messages = engine_install.run(place.base, place.environment, str(place.wheels))
     next(messages)
     said: list[dict] = []
     try:
@@ -176,21 +176,20 @@ def test_cancel_leaves_what_the_next_try_uses(place) -> None:
     except StopIteration as end:
         assert end.value["outcome"] == "cancelled", said
     assert not (place.environment / engine_environment.MARKER).is_file()
-    assert outcome(engine_install.run(place.base, place.environment, "CPU", str(place.wheels)))[0]["outcome"] == "done"
+    assert outcome(engine_install.run(place.base, place.environment, str(place.wheels)))[0]["outcome"] == "done"
 
 
 @pytest.mark.parametrize(
-    ("torch", "platform", "index"),
-    [("CPU", "linux", "cpu"), ("CPU", "win32", "cpu"), ("CUDA", "linux", ""), ("CUDA", "win32", "cu130"), ("CPU", "darwin", "")],
+    ("platform", "options"),
+    [("linux", ["--index-url", engine_install.CPU_INDEX]), ("win32", ["--index-url", engine_install.CPU_INDEX]), ("darwin", [])],
 )
-def test_each_system_gets_the_build_that_was_asked_for(torch, platform, index) -> None:
-    options = engine_install.torch_index(torch, platform)
-    assert options == (["--index-url", f"https://download.pytorch.org/whl/{index}"] if index else [])
+def test_no_system_downloads_what_only_graphics_cards_need(platform, options) -> None:
+    assert engine_install.CPU_INDEX.endswith("/cpu") and engine_install.torch_index(platform) == options
 
 
 def test_a_package_that_is_not_the_locked_one_is_refused(place) -> None:
     wheel(place.wheels, "one_package", "1.0", "OTHER = True")
-    last, said = outcome(engine_install.run(place.base, place.environment, "CPU", str(place.wheels)))
+    last, said = outcome(engine_install.run(place.base, place.environment, str(place.wheels)))
     assert last["outcome"] == "failed" and not (place.environment / engine_environment.MARKER).is_file()
 
 
@@ -202,7 +201,7 @@ def test_the_lock_pins_every_requirement() -> None:
 
 
 def test_wheels_need_no_online_access_and_a_wrong_folder_is_told(place, monkeypatch) -> None:
-    chosen = SimpleNamespace(python="", torch="CPU", wheels=str(place.wheels))
+    chosen = SimpleNamespace(python="", wheels=str(place.wheels))
     monkeypatch.setattr(choices, "preferences", lambda: chosen)
     monkeypatch.setattr(engine_install, "user_environment", lambda create: place.environment)
     assert not bpy.app.online_access
@@ -216,7 +215,7 @@ def test_wheels_need_no_online_access_and_a_wrong_folder_is_told(place, monkeypa
 
 
 def test_use_this_python(monkeypatch, tmp_path) -> None:
-    chosen = SimpleNamespace(python=sys.executable, torch="CPU", wheels="")
+    chosen = SimpleNamespace(python=sys.executable, wheels="")
     monkeypatch.setattr(choices, "preferences", lambda: chosen)
     monkeypatch.setenv("SEEING_WIND_PYTHON", "/somewhere/else")
     assert engine_environment.engine_python() == sys.executable

@@ -78,7 +78,7 @@ def test_a_worker_that_does_not_listen_is_ended_with_all_that_it_started(calls) 
 
 def test_where_the_environment_s_python_is(on_windows, tmp_path) -> None:
     assert engine_environment.executable(tmp_path) == tmp_path / "Scripts" / "python.exe"
-    programs = engine_install.programs("python", tmp_path, "CPU", "")
+    programs = engine_install.programs("python", tmp_path, "")
     assert programs[-1].command[0] == str(tmp_path / "Scripts" / "python.exe")
 
 
@@ -114,7 +114,7 @@ def test_a_folder_too_deep_for_pytorch_is_left_for_a_shorter_one(on_windows, tmp
 
 
 def test_a_folder_that_is_too_deep_whatever_we_do_is_told_before_the_download(on_windows, tmp_path, monkeypatch) -> None:
-    monkeypatch.setattr(choices, "preferences", lambda: SimpleNamespace(python="", torch="CPU", wheels=str(tmp_path)))
+    monkeypatch.setattr(choices, "preferences", lambda: SimpleNamespace(python="", wheels=str(tmp_path)))
     monkeypatch.setattr(engine_install, "user_environment", lambda create: tmp_path / ("d" * 120))
     with pytest.raises(SeeingWindError, match="too long for this Windows") as caught:
         engine_install.install()

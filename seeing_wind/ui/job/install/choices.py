@@ -20,12 +20,10 @@ def preferred_python() -> str:
     return bpy.path.abspath(chosen) if chosen else ""
 
 
-def engine_choices() -> tuple[str, str]:
-    """Which build of PyTorch Install Engine fetches, and the absolute path of a folder of wheels ("" for none)."""
+def folder_of_wheels() -> str:
+    """The absolute path of the folder that Install Engine takes all packages from, "" for none."""
     chosen = preferences()
-    if chosen is None:
-        return "CPU", ""
-    return chosen.torch, bpy.path.abspath(chosen.wheels) if chosen.wheels else ""
+    return bpy.path.abspath(chosen.wheels) if chosen is not None and chosen.wheels else ""
 
 
 def asked_model() -> tuple[str, str, str]:

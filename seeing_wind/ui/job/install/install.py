@@ -19,15 +19,14 @@ from .. import worker
 from ..worker_command import ROOT, command, environment
 from . import environment as engine_environment
 from . import standalone
-from .choices import engine_choices
+from .choices import folder_of_wheels
 from .environment import MARKER, NoOnlineAccess, answers, base_python, executable, user_environment
 
 CACHE = "downloads"
 """Folder of pip's cache inside the environment's."""
 
 CPU_INDEX = "https://download.pytorch.org/whl/cpu"
-CUDA_INDEX = "https://download.pytorch.org/whl/cu130"
-"""PyTorch's own indexes of builds. On Linux the build on PyPI has CUDA; on Windows it has none."""
+"""PyTorch's own index of builds for the processor. On Linux the build on PyPI brings several GB for graphics cards, which nothing uses."""
 
 ALLOW = "Allow Online Access in Preferences > System > Network."
 FETCHING = "Fetching a Python"
@@ -49,7 +48,7 @@ def install(fetch_python: bool = False) -> worker.Messages:
         UsageError: when the folder of wheels is not there.
         SeeingWindError: when there is no fitting Python or no place for the environment.
     """
-    torch, wheels = engine_choices()
+    wheels = folder_of_wheels()
     if wheels and not Path(wheels).is_dir():
         raise UsageError(f"There is no folder of wheels {wheels}.", "Correct it in the preferences, or clear it to download the packages.")
     if not wheels and not bpy.app.online_access:
@@ -66,7 +65,7 @@ def install(fetch_python: bool = False) -> worker.Messages:
             "Switch long paths on in Windows, or name a Python with the engine's packages in the preferences.",
         )
     try:
-        return run(base_python(), folder, torch, wheels)
+        return run(base_python(), folder, wheels)
     except engine_environment.FetchablePython:
         if not fetch_python:
             raise
@@ -74,7 +73,7 @@ def install(fetch_python: bool = False) -> worker.Messages:
         raise NoOnlineAccess("Fetching a Python needs the network, and Blender may not use it.", ALLOW)
     home = standalone.place(create=True)
     assert home is not None  # or it could not have been offered
-    return _fetched_first(home, folder, torch, wheels)
+    return _fetched_first(home, folder, wheels)
 
 
 class Program(NamedTuple):
@@ -87,21 +86,21 @@ class Program(NamedTuple):
     command: list[str]
 
 
-def _fetched_first(home: Path, folder: Path, torch: str, wheels: str) -> worker.Messages:
+def _fetched_first(home: Path, folder: Path, wheels: str) -> worker.Messages:
     """Fetch a Python into `home`, and go on with the installation."""
     fetching = Program(FETCHING, 0.0, 0.01, standalone.command(home))
     yield [{"type": "progress", "fraction": fetching.first, "message": FETCHING}]
     last = yield from _told(worker.run(fetching.command, cwd=str(home.parent), env=environment(), grace=0.0), fetching)
     if last["outcome"] != "done":
         return last
-    return (yield from run(base_python(), folder, torch, wheels))
+    return (yield from run(base_python(), folder, wheels))
 
 
-def run(base: str, folder: Path, torch: str, wheels: str) -> worker.Messages:
+def run(base: str, folder: Path, wheels: str) -> worker.Messages:
     """All programs one after the other; the marker is written when the engine has said that it is well."""
     (folder / MARKER).unlink(missing_ok=True)
     last: worker.Message = {}
-    for program in programs(base, folder, torch, wheels):
+    for program in programs(base, folder, wheels):
         yield [{"type": "progress", "fraction": program.first, "message": program.title}]
         # only the engine listens to a request to stop; pip is ended, and what it has fetched stays
         last = yield from _told(worker.run(program.command, cwd=str(folder), env=environment(), grace=0.0), program)
@@ -112,12 +111,11 @@ def run(base: str, folder: Path, torch: str, wheels: str) -> worker.Messages:
     return last
 
 
-def programs(base: str, folder: Path, torch: str, wheels: str) -> list[Program]:
+def programs(base: str, folder: Path, wheels: str) -> list[Program]:
     """What is to be run.
 
     Args:
         base: a Python that can make environments.
-        torch: CPU or CUDA.
         wheels: a folder of wheels to take everything from instead of the network, or "".
     """
     python = str(executable(folder))
@@ -126,9 +124,8 @@ def programs(base: str, folder: Path, torch: str, wheels: str) -> list[Program]:
     # --clear empties the folder with the cache in it: only an environment that is no good loses it
     made = [] if _runs(python) else [Program("Making the environment", 0.01, 0.03, [base, "-m", "venv", "--clear", str(folder)])]
     trying = Program(TRYING, 0.95, 1.0, command(python, "doctor"))
-    pytorch, packages = ["-r", str(engine / "torch.lock")], ["--require-hashes", "-r", str(engine / "requirements.lock")]
-    if not (torch == "CUDA" and sys.platform == "linux"):
-        pytorch.insert(0, "--no-deps")  # all that it needs but CUDA's libraries is locked with the rest
+    # All that PyTorch needs on a processor is locked with the rest.
+    pytorch, packages = ["--no-deps", "-r", str(engine / "torch.lock")], ["--require-hashes", "-r", str(engine / "requirements.lock")]
     if wheels:
         local = [*pip, "--no-index", "--find-links", wheels]
         return [
@@ -141,17 +138,15 @@ def programs(base: str, folder: Path, torch: str, wheels: str) -> list[Program]:
     return [
         *made,
         Program("Updating pip", 0.04, 0.06, [*fetch, "--upgrade", "pip"]),
-        Program("Downloading PyTorch", 0.06, 0.5, [*fetch, *torch_index(torch), *pytorch]),
+        Program("Downloading PyTorch", 0.06, 0.5, [*fetch, *torch_index(), *pytorch]),
         Program("Downloading packages", 0.5, 0.94, [*fetch, *packages]),
         trying,
     ]
 
 
-def torch_index(torch: str, platform: str = sys.platform) -> list[str]:
-    """pip's option for the wanted build of PyTorch; empty where PyPI has it (CUDA on Linux; one build for macOS)."""
-    if platform == "darwin" or (torch == "CUDA" and platform != "win32"):
-        return []
-    return ["--index-url", CPU_INDEX if torch == "CPU" else CUDA_INDEX]
+def torch_index(platform: str = sys.platform) -> list[str]:
+    """pip's option for the build of PyTorch; empty where PyPI has it, on macOS."""
+    return [] if platform == "darwin" else ["--index-url", CPU_INDEX]
 
 
 def _runs(python: str) -> bool:

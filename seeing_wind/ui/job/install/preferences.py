@@ -1,16 +1,11 @@
 """The extension's preferences: where the engine is or comes from, and whom to ask what is in a clip."""
 
 import bpy
-from bpy.props import EnumProperty, StringProperty
+from bpy.props import StringProperty
 
 from ..panel_pieces import draw_engine
 from . import environment
 from .choices import EXTENSION
-
-BUILDS = [
-    ("CPU", "CPU", "A small build of PyTorch (about 0.2 GB) that runs everywhere and is what the engine uses by itself"),
-    ("CUDA", "CUDA", "A build for NVIDIA cards (several GB), on Linux and Windows"),
-]
 
 
 def _changed(self, context) -> None:
@@ -26,7 +21,6 @@ class SEEING_WIND_AP_preferences(bpy.types.AddonPreferences):
         name="Use This Python", subtype="FILE_PATH", update=_changed,
         description="Python 3.11 to 3.13 with the engine's packages; empty uses the engine that Install Engine made",
     )  # fmt: skip
-    torch: EnumProperty(name="PyTorch", items=BUILDS, description="Which build Install Engine downloads")
     wheels: StringProperty(
         name="Folder of Wheels", subtype="DIR_PATH",
         description="Install Engine takes all packages from this folder instead of the network; empty downloads them",
@@ -46,8 +40,6 @@ class SEEING_WIND_AP_preferences(bpy.types.AddonPreferences):
         self.layout.use_property_split = True
         column = _part(self.layout, "Engine")
         column.prop(self, "python")
-        row = column.row()
-        row.prop(self, "torch", expand=True)
         column.prop(self, "wheels")
         row = self.layout.row()
         row.operator("seeing_wind.install_engine", icon="IMPORT")
