@@ -14,6 +14,7 @@ from seeing_wind.engine.recovery.diagnostics.remarks import distrusted, far_off
 from seeing_wind.engine.recovery.recover import recover
 from seeing_wind.engine.recovery.solve.constants import PACE
 from seeing_wind.engine.recovery.targets.points import point_channels
+from seeing_wind.engine.recovery.targets.tracks import track_channels
 from seeing_wind.engine.settings import RecoverSettings
 from tests.engine.recovery.bodies import FPS, RUBBER, WEIGHTLESS, blow, camera, every, plate, points, relative
 
@@ -148,6 +149,21 @@ def test_a_body_that_stays_off_what_was_seen_is_not_to_be_trusted():
     assert far_off(body, channels, x, off) == []
     notes = far_off(body, channels, x, 5.0 * off)
     assert "10 mm (median)" in notes[0] and distrusted(["else", *notes]) == notes
+
+
+def test_tracks_that_are_missed_by_much_of_their_way_are_told():
+    body = plate((20, 2, 20))  # 250 px across
+
+    def told(way: float, off: float) -> list[str]:
+        x = np.stack([body.x + [way * t / 8, 0.0, 0.0] for t in range(9)])
+        xy = np.stack([camera().project(one)[0] for one in x])
+        seen = TrackTargets(xy, np.ones(xy.shape[:2], bool), np.full(xy.shape[:2], 0.1), camera(), every(body))
+        return far_off(body, [track_channels(body, seen, False)], x, np.full(9, off))
+
+    assert told(way=0.1, off=2.0) == [] and told(way=0.02, off=0.9) == []
+    (note,) = told(way=0.02, off=2.0)
+    assert "of the way that its points went" in note and distrusted([note]) == [note]
+    assert told(way=0.002, off=2.0) == [], "of a body that stays there is another note"
 
 
 def test_small_slow_bodies_need_no_substeps_for_speeds_they_do_not_have():

@@ -47,13 +47,7 @@ def astray(particles: Particles, channels: Sequence[Channels], x: np.ndarray, re
     """
     first, worst = channels[0], int(residual.argmax())
     size, noise, unit = _size(particles, first, x)
-    if isinstance(first, PointChannels):
-        seen, visible = first.targets.x, first.targets.visible
-    else:
-        assert isinstance(first, TrackChannels)
-        seen, visible = first.targets.xy, first.targets.visible
-    way = np.linalg.norm(np.where((visible & visible[0])[..., None], seen - seen[0], 0.0), axis=-1).max()
-    if residual[worst] <= max(size, ASTRAY * way, ASTRAY_NOISE * noise):
+    if residual[worst] <= max(size, ASTRAY * _way(first), ASTRAY_NOISE * noise):
         return ""
     return (
         f"In {frame_named(worst)} the simulated body is {in_units(residual[worst], unit)} from where it was seen, more than its size "
@@ -62,15 +56,22 @@ def astray(particles: Particles, channels: Sequence[Channels], x: np.ndarray, re
 
 
 def far_off(particles: Particles, channels: Sequence[Channels], x: np.ndarray, residual: np.ndarray) -> list[str]:
-    """On a simulation x (T+1, N, 3) [m] that most of the time is off what was seen by residual (T+1,), in parts of the body's size."""
+    """On a simulation x (T+1, N, 3) [m] that most of the time is off what was seen by residual (T+1,): by much of the body's size, or of
+    the way that its tracks went."""
     shown = residual[1:][residual[1:] > 0.0]
     size, noise, unit = _size(particles, channels[0], x)
-    far = float(np.median(shown)) if len(shown) else 0.0
-    if far <= max(FAR * size, ASTRAY_NOISE * noise) or size == 0.0:  # of a body that is a point, `astray` says what there is to say
+    far, way = float(np.median(shown)) if len(shown) else 0.0, _way(channels[0])
+    if far <= ASTRAY_NOISE * noise or size == 0.0:  # of a body that is a point, `astray` says what there is to say
+        return []
+    if far > FAR * size:
+        much = f"{100.0 * far / size:.0f} % of its size"
+    elif far > UNEXPLAINED * way > UNEXPLAINED * STILL * size:
+        much = f"{100.0 * far / way:.0f} % of the way that its points went at most"
+    else:
         return []
     return [
-        f"The simulated body is {in_units(far, unit)} (median) from where it was seen, {100.0 * far / size:.0f} % of its size. {DISTRUST}: "
-        "check the outline, what is held, the depth and the material."
+        f"The simulated body is {in_units(far, unit)} (median) from where it was seen, {much}. {DISTRUST}: check the outline, "
+        "what is held, the depth and the material."
     ]
 
 
@@ -90,6 +91,16 @@ def _size(particles: Particles, first: Channels, x: np.ndarray) -> tuple[float, 
         noise = float(np.median(first.targets.sigma[first.targets.visible]))
         return 2.0 * _radius(first.camera.project(x[0])[0]), noise, "pixels"
     return max(2.0 * _radius(particles.x), 3.0 * particles.spacing), 0.0, "m"
+
+
+def _way(first: Channels) -> float:
+    """How far a point went at most from where it was in the first frame [px or m]."""
+    if isinstance(first, PointChannels):
+        seen, visible = first.targets.x, first.targets.visible
+    else:
+        assert isinstance(first, TrackChannels)
+        seen, visible = first.targets.xy, first.targets.visible
+    return float(np.linalg.norm(np.where((visible & visible[0])[..., None], seen - seen[0], 0.0), axis=-1).max())
 
 
 def _radius(x: np.ndarray) -> float:
