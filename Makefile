@@ -150,24 +150,24 @@ extension: setup
 # Resumable: rows that are in build/tables are kept.
 tables: setup
 	@$(PY) -m pip install --quiet --disable-pip-version-check -e ".[benchmarks]"
-	$(PY) benchmarks/tables.py $(if $(SHORT),--short --again,--docs) $(if $(ROW),--row $(ROW))
+	$(PY) benchmarks/paper_tables/tables.py $(if $(SHORT),--short --again,--docs) $(if $(ROW),--row $(ROW))
 
 # The solver's speed beside other simulators'; about ten minutes on two idle cores.
 benchmark-mpm: setup
 	@$(PY) -m pip install --quiet --disable-pip-version-check -e ".[benchmark-mpm]"
-	$(PY) benchmarks/mpm.py
+	$(PY) benchmarks/speed/mpm.py
 
 benchmark-shells: setup
-	PYTHONPATH=$(CURDIR) $(ENGINE)/bin/python benchmarks/shell_speed.py
+	PYTHONPATH=$(CURDIR) $(ENGINE)/bin/python benchmarks/speed/shell_speed.py
 
 # What each number of the recovery is worth, on TRUTH="one.npz two.npz"; some seconds per number, file and factor. Resumable.
 sensitivity: setup
-	PYTHONPATH=$(CURDIR) $(ENGINE)/bin/python benchmarks/sensitivity.py $(or $(TRUTH),tests/engine/recovery/genesis_post.npz) $(RUN)
+	PYTHONPATH=$(CURDIR) $(ENGINE)/bin/python benchmarks/accuracy/sensitivity.py $(or $(TRUTH),tests/engine/recovery/genesis_post.npz) $(RUN)
 
 # The solver's two compilers; a quarter of an hour on two idle cores.
 benchmark-compilers: setup
 	@$(PY) -m pip install --quiet --disable-pip-version-check -e ".[quadrants]"
-	$(PY) benchmarks/compilers.py
+	$(PY) benchmarks/speed/compilers.py
 
 # The pages that are generated. `cli-reference` alone writes the first.
 references: cli-reference
@@ -192,7 +192,7 @@ docs: $(DOCS)/.complete
 
 # Two idle cores take about ten minutes.
 benchmark-report: setup
-	$(PY) benchmarks/report_share.py $(RUN)
+	$(PY) benchmarks/speed/report_share.py $(RUN)
 
 screenshots: setup
 	@[ -n "$(BLENDER)" ] || { echo "BLENDER= names a Blender of which a window can be shown and photographed, see docs/screenshots/make.sh" >&2; exit 2; }

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
-PLACE = Path(__file__).resolve().parents[1] / "benchmarks" / "materials.py"
+PLACE = Path(__file__).resolve().parents[1] / "benchmarks" / "footage" / "materials.py"
 spec = importlib.util.spec_from_file_location("materials_benchmark", PLACE)
 assert spec and spec.loader
 benchmark = importlib.util.module_from_spec(spec)

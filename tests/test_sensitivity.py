@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks import sensitivity
-from benchmarks.sensitivity import changed, numbers, table
+from benchmarks.accuracy import sensitivity
+from benchmarks.accuracy.sensitivity import changed, numbers, table
 from scripts.constants_reference import PAGE, RECORDS, constants_of, page
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -39,7 +39,7 @@ def test_a_whole_number_stays_whole():
 
 def test_a_changed_number_reaches_what_is_made_from_it():
     code = (
-        "from benchmarks.sensitivity import change; change('prior.duration', 0.5); "
+        "from benchmarks.accuracy.sensitivity import change; change('prior.duration', 0.5); "
         "from seeing_wind.engine.recovery.prior.kernel import Kernel; print(Kernel.duration, Kernel.length)"
     )
     run = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)

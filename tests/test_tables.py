@@ -1,4 +1,4 @@
-"""The parts of benchmarks/tables.py that can be checked without running a row: rows, objects, frames, and that no bad row is hidden."""
+"""The parts of `make tables` that can be checked without running a row: rows, objects, frames, and that no bad row is hidden."""
 
 import json
 import sys
@@ -11,7 +11,7 @@ import pytest
 pytest.importorskip("skimage", reason="the benchmarks' extra is not installed")
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
 
-import tables  # noqa: E402
+from paper_tables import tables  # noqa: E402
 from paper_tables.fields import FIELDS, gradient  # noqa: E402
 from paper_tables.metrics import psnr, ssim  # noqa: E402
 from paper_tables.objects import THINGS  # noqa: E402

@@ -37,10 +37,10 @@ NOTES = {
 }
 HEAD = """# The paper's tables
 
-Written by `benchmarks/tables.py` (`make tables`). The paper's scenes are not published: these are scenes of the same kinds, so the two
-columns are comparable in kind, not number by number. Objects are solids made by scripts; fields differ from object to object; there is
-no gravity. The truth is simulated by this engine's solver with particles 1.4 to 1.7 times finer than the recovery's, on a shifted
-lattice (unless a row says *true particles*); a truth from another simulator is scored by `benchmarks/truth.py`. Frames are painted
+Written by `benchmarks/paper_tables/tables.py` (`make tables`). The paper's scenes are not published: these are scenes of the same kinds,
+so the two columns are comparable in kind, not number by number. Objects are solids made by scripts; fields differ from object to object;
+there is no gravity. The truth is simulated by this engine's solver with particles 1.4 to 1.7 times finer than the recovery's, on a shifted
+lattice (unless a row says *true particles*); a truth from another simulator is scored by `benchmarks/accuracy/truth.py`. Frames are painted
 (no cast shadows), 480 x 400, 30 fps, 20 frame intervals. From pixels the engine knows the camera, the silhouette and depth of frame 0,
 what is held, and the material.
 

@@ -1,7 +1,7 @@
 """One scene of the tables: an object moved by a known field, filmed from two sides.
 
 The truth is simulated with particles 1.4 to 1.7 times finer than those of the recovery (so are grid and substeps), on a
-lattice that is shifted, so the recovery never meets its own discretisation; the solver is the same. `benchmarks/truth.py` scores
+lattice that is shifted, so the recovery never meets its own discretisation; the solver is the same. `benchmarks/accuracy/truth.py` scores
 against another simulator.
 """
 

@@ -1,6 +1,6 @@
 """Against another simulator: its force, its first state and the paths of what it holds must give its motion.
 
-The force comes as an acceleration per particle and frame; its gradient is taken from neighbours. See benchmarks/solver_truth.py.
+The force comes as an acceleration per particle and frame; its gradient is taken from neighbours. See benchmarks/accuracy/solver_truth.py.
 """
 
 from __future__ import annotations
@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.solver_truth import drive, travelled
+from benchmarks.accuracy.solver_truth import drive, travelled
 
 
 @pytest.mark.parametrize("name, bound", [("sheet", 0.005), ("banner", 0.01), ("pole", 0.02), ("clay", 0.02)])

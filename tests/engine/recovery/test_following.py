@@ -104,7 +104,7 @@ def usual(rippling):
 
 
 def test_a_sheet_that_was_lost_is_followed_again_finely_and_progress_goes_on(rippling, usual):
-    """What was seen is met; what that is worth in force, `benchmarks/rippling.py` and the sample flag show."""
+    """What was seen is met; what that is worth in force, `benchmarks/accuracy/rippling.py` and the sample flag show."""
     told = []
 
     class Listener(NoProgress):
@@ -252,7 +252,7 @@ def test_what_even_the_solution_misses_is_not_put_down_to_forces(monkeypatch):
 
 def test_a_light_card_that_flutters_is_turned_and_not_squeezed(monkeypatch):
     """To first order a card that turns gets shorter, and a force along it does that, too. Truth: published equations of motion."""
-    monkeypatch.syspath_prepend(str(Path(__file__).resolve().parents[3] / "benchmarks"))
+    monkeypatch.syspath_prepend(str(Path(__file__).resolve().parents[3] / "benchmarks" / "accuracy"))
     from falling_card import AIR, COUNTS, HALF_CHORD, SPACING, fallen
 
     x, push, _ = fallen(1.1)
