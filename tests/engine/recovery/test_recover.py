@@ -13,6 +13,7 @@ from seeing_wind.engine.recovery.blocks import blocks
 from seeing_wind.engine.recovery.diagnostics.remarks import distrusted, far_off
 from seeing_wind.engine.recovery.recover import recover
 from seeing_wind.engine.recovery.solve.constants import PACE
+from seeing_wind.engine.recovery.targets.objective import Objective
 from seeing_wind.engine.recovery.targets.points import point_channels
 from seeing_wind.engine.recovery.targets.tracks import track_channels
 from seeing_wind.engine.settings import RecoverSettings
@@ -154,13 +155,15 @@ def test_a_body_that_stays_off_what_was_seen_is_not_to_be_trusted():
 def test_tracks_that_are_missed_by_much_of_their_way_are_told():
     body = plate((20, 2, 20))  # 250 px across
 
-    def told(way: float, off: float) -> list[str]:
+    def told(way: float, off: float, share: float = 1.0) -> list[str]:
         x = np.stack([body.x + [way * t / 8, 0.0, 0.0] for t in range(9)])
         xy = np.stack([camera().project(one)[0] for one in x])
+        xy[1:, : round(share * len(body.x)), 0] += off
         seen = TrackTargets(xy, np.ones(xy.shape[:2], bool), np.full(xy.shape[:2], 0.1), camera(), every(body))
-        return far_off(body, [track_channels(body, seen, False)], x, np.full(9, off))
+        channels = [track_channels(body, seen, False)]
+        return far_off(body, channels, x, Objective(channels).root_mean_square(x))
 
-    assert told(way=0.1, off=2.0) == [] and told(way=0.02, off=0.9) == []
+    assert told(way=0.1, off=2.0) == [] and told(way=0.02, off=0.9) == [] and told(way=0.02, off=3.0, share=0.4) == []
     (note,) = told(way=0.02, off=2.0)
     assert "of the way that its points went" in note and distrusted([note]) == [note]
     assert told(way=0.002, off=2.0) == [], "of a body that stays there is another note"

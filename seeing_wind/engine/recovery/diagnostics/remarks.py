@@ -56,19 +56,19 @@ def astray(particles: Particles, channels: Sequence[Channels], x: np.ndarray, re
 
 
 def far_off(particles: Particles, channels: Sequence[Channels], x: np.ndarray, residual: np.ndarray) -> list[str]:
-    """On a simulation x (T+1, N, 3) [m] that most of the time is off what was seen by residual (T+1,): by much of the body's size, or of
-    the way that its tracks went."""
+    """On a simulation x (T+1, N, 3) [m] that most of the time is off what was seen by residual (T+1,): by much of the body's size, or,
+    half of its points at least, of the way that they went."""
     shown = residual[1:][residual[1:] > 0.0]
     size, noise, unit = _size(particles, channels[0], x)
     far, way = float(np.median(shown)) if len(shown) else 0.0, _way(channels[0])
     if far <= ASTRAY_NOISE * noise or size == 0.0:  # of a body that is a point, `astray` says what there is to say
         return []
-    if far > FAR * size:
-        much = f"{100.0 * far / size:.0f} % of its size"
-    elif far > UNEXPLAINED * way > UNEXPLAINED * STILL * size:
+    much = f"{100.0 * far / size:.0f} % of its size"
+    if far <= FAR * size:
+        far = float(np.nanmedian(channels[0].distance(x)[1:]))  # points that were placed wrong say nothing of the others
+        if far <= max(UNEXPLAINED * way, ASTRAY_NOISE * noise) or way < STILL * size:
+            return []
         much = f"{100.0 * far / way:.0f} % of the way that its points went at most"
-    else:
-        return []
     return [
         f"The simulated body is {in_units(far, unit)} (median) from where it was seen, {much}. {DISTRUST}: check the outline, "
         "what is held, the depth and the material."
