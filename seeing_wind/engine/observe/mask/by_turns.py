@@ -63,7 +63,7 @@ def with_background(
     if motion is not None:
         other = beyond_box(frames[0], mask, around, plate, moving)
         found = refined(frames[0], mask, plate, around, motion, other, contrast)
-        mask = cut_back(frames[0], boxed_in(frames[0], found, around, plate), plate)
+        mask = cut_back(frames[0], boxed_in(frames[0], found, around, plate), plate, progress) & around
     return mask, plate, contrast, other
 
 

@@ -24,13 +24,16 @@ GRABCUT_PIXELS = 120_000
 """Region size beyond which GrabCut runs on a smaller copy: its time grows faster than its accuracy."""
 
 
-def grab_cut(crop: np.ndarray, trimap: np.ndarray, iterations: int, progress: Progress) -> np.ndarray:
-    """Foreground (h, w) bool of `crop` (h, w, 3) uint8 by GrabCut from `trimap` (h, w) of cv2.GC_* labels, on a smaller copy if large.
+def grab_cut(
+    crop: np.ndarray, trimap: np.ndarray, iterations: int, progress: Progress, most: int = GRABCUT_PIXELS
+) -> np.ndarray:
+    """Foreground (h, w) bool of `crop` (h, w, 3) uint8 by GrabCut from `trimap` (h, w) of cv2.GC_* labels, on a smaller copy of `most` pixels
+    if it is larger.
 
     `progress` is asked between iterations, each of which may take a fifth of a second.
     """
     given = (trimap & 1) > 0
-    scale = min(1.0, float(np.sqrt(GRABCUT_PIXELS / trimap.size)))
+    scale = min(1.0, float(np.sqrt(most / trimap.size)))
     size = (max(8, round(crop.shape[1] * scale)), max(8, round(crop.shape[0] * scale)))
     small = crop if scale == 1.0 else cv2.resize(crop, size, interpolation=cv2.INTER_AREA)
     labels = trimap.copy() if scale == 1.0 else cv2.resize(trimap, size, interpolation=cv2.INTER_NEAREST)

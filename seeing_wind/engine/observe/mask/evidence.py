@@ -227,11 +227,6 @@ def weighed(
     return np.where(known, there, np.minimum(expected, CARRIED_BLIND) + colors + motion * ~beside) - APART * other
 
 
-def band_of(area: float) -> float:
-    """Pixels by which a silhouette of `area` [px] may be off when it was carried from one frame to the next."""
-    return float(np.clip(0.06 * np.sqrt(area), 2.0, 9.0))
-
-
 def cut_out(odds: np.ndarray, frame: np.ndarray, area: float) -> np.ndarray:
     """(h, w) bool where `odds` (h, w), smoothed along the edges of `frame` (h, w, 3) uint8, are positive: He's guided filter.
 

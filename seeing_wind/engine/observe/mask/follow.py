@@ -9,8 +9,8 @@ from ...progress import Progress
 from .background import Plate
 from .carried import Carried
 from .cutting import LEAST_PIXELS, hanging_on, tidy
-from .evidence import SMALL, Contrast, against_plate, against_shape, band_of, cut_out, weighed
-from .motion import Flow, FlowSolver, Window, body_shift, cut, middle_of, paste, placed, window_of, within
+from .evidence import SMALL, Contrast, against_plate, against_shape, cut_out, weighed
+from .motion import Flow, FlowSolver, Window, band_of, body_shift, cut, middle_of, paste, placed, window_of, within
 from .moving.others import Other
 from .rim import cut_back
 
@@ -99,7 +99,7 @@ class MaskFollower:
 
     def finished(self, frame: np.ndarray, mask: np.ndarray) -> np.ndarray:
         """See `through.Follower.finished`."""
-        return cut_back(frame, mask, self._plate) if self._trim and self._plate is not None else mask
+        return cut_back(frame, mask, self._plate, self._progress) if self._trim else mask
 
     def state(self) -> dict[str, np.ndarray]:
         """See `through.Follower.state`."""

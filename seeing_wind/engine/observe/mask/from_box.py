@@ -9,9 +9,10 @@ from ...errors import ObjectError, UsageError
 from ...progress import Progress
 from .background import Plate
 from .cutting import LEAST_PIXELS, enclosed, grab_cut, tidy
-from .evidence import SURE, Colors, Contrast, against_plate, against_shape, band_of, cut_out, weighed
-from .motion import cut, paste, window_of, within
+from .evidence import SURE, Colors, Contrast, against_plate, against_shape, cut_out, weighed
+from .motion import band_of, cut, paste, window_of, within
 from .moving.in_box import MOVES, NEARBY, Moving, left
+from .rim import cut_back
 
 NEITHER = "Mark the object in the first frame by --box, --points, or --mask with a PNG."
 
@@ -52,7 +53,8 @@ def mask_in_box(
         raise ObjectError(
             f"Nothing in the box {numbers(box)} stands out from its surroundings.", "Draw the box closer, or give --mask with a PNG."
         )
-    return mask
+    # With a background, frame 0 is looked at again.
+    return mask if plate is not None else cut_back(frame, mask, None, progress) & inside
 
 
 def box_round(mask: np.ndarray) -> tuple[float, float, float, float]:

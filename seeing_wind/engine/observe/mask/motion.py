@@ -83,6 +83,11 @@ def within(window: Window, frame: np.ndarray) -> Window:
     return min(max(x0, 0), width), min(max(y0, 0), height), max(min(x1, width), 0), max(min(y1, height), 0)
 
 
+def band_of(area: float) -> float:
+    """Pixels by which a silhouette of `area` [px] may be off when it was carried from one frame to the next."""
+    return float(np.clip(0.06 * np.sqrt(area), 2.0, 9.0))
+
+
 def middle_of(mask: np.ndarray) -> np.ndarray:
     """The centroid x, y (2,) [px] of `mask` (H, W) bool, which is not empty."""
     x0, y0, x1, y1 = window_of(mask, 0)

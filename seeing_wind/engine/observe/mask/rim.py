@@ -1,5 +1,5 @@
-"""The rim of a silhouette that was found before a known background: without the shadow that hangs on it and what its box cuts through, and
-cut in the middle of its blur.
+"""The rim of a silhouette: without the shadow that hangs on it and what its box cuts through, found again by what is near it in the same
+frame, and cut in the middle of its blur.
 
 A shadow that moves along with the thing that casts it differs from the background as the thing does. But it fades out over more pixels
 than the lens spreads an edge over, as no light comes from a point, and the thing's own edge is the sharper one.
@@ -10,8 +10,10 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from ...progress import Progress
 from .background import Plate, largest
-from .motion import Window, cut, paste, window_of
+from .cutting import grab_cut, tidy
+from .motion import Window, band_of, cut, paste, window_of, within
 
 BLURRED, LOCAL = 2.0, 3.0
 """Pixels inside an outline that its blurred rim reaches, and pixels over which the contrast of what lies deeper is averaged."""
@@ -41,10 +43,79 @@ CUT = 0.75
 EDGE = 3
 """Pixels over which an edge rises to its contrast."""
 
+BESIDE, INSIDE = 24, 0.6
+"""Pixels beyond the band in which an outline is found again that show the surroundings' colours, and the part of the object's depth that
+the band reaches at most."""
 
-def cut_back(frame: np.ndarray, mask: np.ndarray, plate: Plate) -> np.ndarray:
-    """The outline `mask` (H, W) bool in `frame` (H, W, 3) uint8 as it is handed on: `unshaded`, then `trimmed`."""
-    return trimmed(frame, unshaded(frame, mask, plate), plate)
+STILL = 1.5
+"""Times the noise up to which a pixel does not differ from the background."""
+
+ITERATIONS, PIXELS = 2, 25_000
+"""Of GrabCut where the outline is known already, and region size beyond which a smaller copy will do: the rim of a large thing is little
+of it."""
+
+MIXED, NEAR = 1.5, 2.0
+"""Pixels on either side of an outline over which the colours are mixed, and standard deviation of the blur [px] that averages those beyond."""
+
+GRAIN = 7.0
+"""Grey levels by which the two sides have to differ for a mixture to be told."""
+
+
+def cut_back(frame: np.ndarray, mask: np.ndarray, plate: Plate | None, progress: Progress) -> np.ndarray:
+    """The outline `mask` (H, W) bool in `frame` (H, W, 3) uint8 as it is handed on; `plate`: the background, None where it is not known."""
+    if not mask.any():
+        return mask
+    if plate is not None:
+        mask = trimmed(frame, unshaded(frame, mask, plate), plate)
+    return halved(frame, cut_again(frame, mask, plate, progress)) if mask.any() else mask
+
+
+def cut_again(frame: np.ndarray, mask: np.ndarray, plate: Plate | None, progress: Progress) -> np.ndarray:
+    """The outline `mask` (H, W) bool found again within a band round its border, by this frame's own colours and edges.
+
+    What was carried here is only about right. So GrabCut begins with it, what lies deeper or farther away than it may be off is sure, and
+    what does not differ from a known background is none of the object.
+    """
+    band = band_of(float(mask.sum()))
+    window = within(window_of(mask, int(band) + BESIDE), frame)
+    shape = cut(mask, window)
+    depth, distance = _depths(shape)
+    trimap = np.where(shape, cv2.GC_PR_FGD, cv2.GC_PR_BGD).astype(np.uint8)
+    if plate is not None:
+        away, _ = plate.compared(frame, window)
+        trimap[cut(plate.reliable, window) & (away < STILL * plate.noise)] = cv2.GC_BGD
+    trimap[depth > min(band, INSIDE * float(depth.max()))] = cv2.GC_FGD
+    trimap[distance > band] = cv2.GC_BGD
+    found = np.zeros_like(mask)
+    paste(found, tidy(grab_cut(cut(frame, window), trimap, ITERATIONS, progress, PIXELS), shape), window)
+    return found if found.any() else mask
+
+
+def halved(frame: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """The outline `mask` (H, W) bool without the outer half of its blurred rim.
+
+    A lens and motion mix the colours of both sides there. The object ends where half of the mixture is its own: both sides' colours are those
+    nearby beyond the rim. What is too thin to have an inside stays as it is.
+    """
+    window = within(window_of(mask, 8), frame)
+    shape = cut(mask, window)
+    depth, distance = _depths(shape)
+    smooth = cv2.GaussianBlur(cut(frame, window), (0, 0), 0.7).astype(np.float32)
+    sides = [(depth > min(MIXED, 0.5 * float(depth.max()))).astype(np.float32), (distance > MIXED).astype(np.float32)]
+    near = [cv2.GaussianBlur(side, (0, 0), NEAR) for side in sides]
+    own, beside = (cv2.GaussianBlur(side[..., None] * smooth, (0, 0), NEAR) / np.maximum(some, 1e-3)[..., None] for side, some in zip(sides, near))
+    apart = own - beside
+    less = np.sum((smooth - beside - 0.5 * apart) * apart, axis=2) <= 0.5 * GRAIN**2
+    gone = shape & (sides[0] == 0.0) & less & (near[0] > 1e-3) & (near[1] > 1e-3)
+    left = mask.copy()
+    paste(left, tidy(shape & ~gone, shape), window)
+    return left
+
+
+def _depths(shape: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """How deep in `shape` (h, w) bool, which goes on beyond the window, a pixel lies, and how far from it, (h, w) float32 [px] both."""
+    inside, outside = (np.pad(one, 1, mode="edge").astype(np.uint8) for one in (shape, ~shape))
+    return cv2.distanceTransform(inside, cv2.DIST_L2, 5)[1:-1, 1:-1], cv2.distanceTransform(outside, cv2.DIST_L2, 5)[1:-1, 1:-1]
 
 
 def boxed_in(frame: np.ndarray, mask: np.ndarray, box: np.ndarray, plate: Plate) -> np.ndarray:
