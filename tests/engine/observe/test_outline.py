@@ -19,7 +19,6 @@ from seeing_wind.engine.observe.mask.follow import MaskFollower
 from seeing_wind.engine.observe.mask.motion import Flow
 from seeing_wind.engine.observe.mask.moving.in_box import moving_in
 from seeing_wind.engine.observe.mask.moving.soon import moving_odds
-from seeing_wind.engine.observe.mask.rim import trimmed
 from seeing_wind.engine.progress import NoProgress
 from seeing_wind.engine.settings import ObserveSettings
 
@@ -270,18 +269,3 @@ def test_evidence_is_cut_along_the_edges_of_the_frame() -> None:
     assert against_shape(expected, 8.0)[30, 59] > 0.0 > against_shape(expected, 8.0)[30, 0]
 
 
-def test_an_outline_ends_where_half_of_its_contrast_is_left() -> None:
-    rows, columns = np.mgrid[:60, :60]
-    disc, line = np.hypot(rows - 30, columns - 30) < 15.2, np.abs(columns - 30) < 2
-    plain = np.full((60, 60, 3), 60, np.uint8)
-
-    def outlined(shape: np.ndarray, reliable: np.ndarray) -> np.ndarray:
-        frame = np.where(shape[..., None], np.uint8(180), plain)
-        large = cv2.dilate(shape.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
-        return trimmed(cv2.GaussianBlur(frame, (0, 0), 1.5), large, Plate(plain, reliable, 2.0))
-
-    known = np.ones((60, 60), bool)
-    assert abs(int(outlined(disc, known).sum()) - int(disc.sum())) < 0.03 * disc.sum()
-    assert outlined(disc, ~known).sum() > 1.1 * disc.sum(), "nothing is known of the background"
-    assert (outlined(line, known) | ~line).all(), "it has no inside"
-    assert not trimmed(plain, np.zeros((60, 60), bool), Plate(plain, known, 2.0)).any()

@@ -8,7 +8,8 @@ import pytest
 
 from seeing_wind.engine.observe.mask.background import Plate
 from seeing_wind.engine.observe.mask.evidence import Contrast, against_plate, cut_out
-from seeing_wind.engine.observe.mask.rim import boxed_in, core, unshaded
+from seeing_wind.engine.observe.mask.rim import boxed_in, core, cut_again, cut_back, halved, unshaded
+from seeing_wind.engine.progress import NoProgress
 
 SIZE = 120
 ROWS, COLUMNS = np.mgrid[:SIZE, :SIZE].astype(np.float64)
@@ -88,6 +89,23 @@ def test_a_tight_box_takes_nothing_off_the_object() -> None:
     colors = np.where((((ROWS // 6) + (COLUMNS // 6)) % 2 == 0)[..., None], (230.0, 60.0, 60.0), (40.0, 60.0, 220.0))
     frame = np.where(BALL[..., None], colors, FLOOR).astype(np.uint8)
     assert np.array_equal(boxed_in(frame, BALL, tight, plate()), BALL)
+
+
+def test_an_outline_that_was_carried_a_little_off_is_found_again() -> None:
+    frame, off = painted(BALL, (120, 150, 170)), np.roll(BALL, (2, -2), (0, 1))
+    assert overlap(off, BALL) < 0.88
+    assert overlap(cut_again(frame, off, NoProgress()), BALL) > 0.97
+    nothing = np.zeros_like(BALL)
+    assert not cut_back(frame, nothing, None, NoProgress()).any()
+
+
+def test_an_outline_ends_where_half_of_a_blur_is_its_own() -> None:
+    """Also where nothing is known of the background; what has no inside stays as it is."""
+    light, line = painted(BALL, (250, 250, 250)), np.abs(COLUMNS - 60) < 1
+    for frame in (light, 255 - light):
+        larger = cv2.dilate(BALL.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+        assert overlap(larger, BALL) < 0.94 and overlap(halved(frame, larger), BALL) > 0.97
+    assert np.array_equal(halved(painted(line, (20, 20, 20)), line), line)
 
 
 def test_the_object_is_not_learnt_from_a_smear_beside_it() -> None:

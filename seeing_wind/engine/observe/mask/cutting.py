@@ -27,8 +27,8 @@ GRABCUT_PIXELS = 120_000
 def grab_cut(
     crop: np.ndarray, trimap: np.ndarray, iterations: int, progress: Progress, most: int = GRABCUT_PIXELS
 ) -> np.ndarray:
-    """Foreground (h, w) bool of `crop` (h, w, 3) uint8 by GrabCut from `trimap` (h, w) of cv2.GC_* labels, on a smaller copy of `most` pixels
-    if it is larger.
+    """Foreground (h, w) bool of `crop` (h, w, 3) uint8 by GrabCut from `trimap` (h, w) of cv2.GC_* labels, on a copy of at most `most`
+    pixels.
 
     `progress` is asked between iterations, each of which may take a fifth of a second.
     """

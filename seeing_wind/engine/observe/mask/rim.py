@@ -15,9 +15,6 @@ from .background import Plate, largest
 from .cutting import grab_cut, tidy
 from .motion import Window, band_of, cut, paste, window_of, within
 
-BLURRED, LOCAL = 2.0, 3.0
-"""Pixels inside an outline that its blurred rim reaches, and pixels over which the contrast of what lies deeper is averaged."""
-
 CORE = 0.3
 """Depth of a silhouette from which it is surely the object, in units of its largest."""
 
@@ -47,69 +44,66 @@ BESIDE, INSIDE = 24, 0.6
 """Pixels beyond the band in which an outline is found again that show the surroundings' colours, and the part of the object's depth that
 the band reaches at most."""
 
-STILL = 1.5
-"""Times the noise up to which a pixel does not differ from the background."""
-
 ITERATIONS, PIXELS = 2, 25_000
 """Of GrabCut where the outline is known already, and region size beyond which a smaller copy will do: the rim of a large thing is little
 of it."""
 
 MIXED, NEAR = 1.5, 2.0
-"""Pixels on either side of an outline over which the colours are mixed, and standard deviation of the blur [px] that averages those beyond."""
+"""Pixels on either side of an outline over which colours are mixed, and standard deviation of the blur [px] that averages those beyond."""
 
 GRAIN = 7.0
 """Grey levels by which the two sides have to differ for a mixture to be told."""
 
 
 def cut_back(frame: np.ndarray, mask: np.ndarray, plate: Plate | None, progress: Progress) -> np.ndarray:
-    """The outline `mask` (H, W) bool in `frame` (H, W, 3) uint8 as it is handed on; `plate`: the background, None where it is not known."""
-    if not mask.any():
-        return mask
-    if plate is not None:
-        mask = trimmed(frame, unshaded(frame, mask, plate), plate)
-    return halved(frame, cut_again(frame, mask, plate, progress)) if mask.any() else mask
+    """The outline `mask` (H, W) bool in `frame` (H, W, 3) uint8 as it is handed on: `unshaded` where the background is known, then
+    `cut_again` and `halved`."""
+    own = mask if plate is None else unshaded(frame, mask, plate)
+    return halved(frame, cut_again(frame, own, progress)) if own.any() else own
 
 
-def cut_again(frame: np.ndarray, mask: np.ndarray, plate: Plate | None, progress: Progress) -> np.ndarray:
-    """The outline `mask` (H, W) bool found again within a band round its border, by this frame's own colours and edges.
+def cut_again(frame: np.ndarray, mask: np.ndarray, progress: Progress) -> np.ndarray:
+    """The outline `mask` (H, W) bool, not empty, found again within a band round its border by the colours and edges of `frame` alone.
 
-    What was carried here is only about right. So GrabCut begins with it, what lies deeper or farther away than it may be off is sure, and
-    what does not differ from a known background is none of the object.
+    What was carried here is only about right. So GrabCut begins with it, and what lies deeper or farther away than it may be off is sure.
     """
     band = band_of(float(mask.sum()))
     window = within(window_of(mask, int(band) + BESIDE), frame)
     shape = cut(mask, window)
     depth, distance = _depths(shape)
     trimap = np.where(shape, cv2.GC_PR_FGD, cv2.GC_PR_BGD).astype(np.uint8)
-    if plate is not None:
-        away, _ = plate.compared(frame, window)
-        trimap[cut(plate.reliable, window) & (away < STILL * plate.noise)] = cv2.GC_BGD
     trimap[depth > min(band, INSIDE * float(depth.max()))] = cv2.GC_FGD
     trimap[distance > band] = cv2.GC_BGD
     found = np.zeros_like(mask)
     paste(found, tidy(grab_cut(cut(frame, window), trimap, ITERATIONS, progress, PIXELS), shape), window)
-    return found if found.any() else mask
+    return found
 
 
 def halved(frame: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """The outline `mask` (H, W) bool without the outer half of its blurred rim.
+    """The outline `mask` (H, W) bool, not empty, without the outer half of its blurred rim.
 
-    A lens and motion mix the colours of both sides there. The object ends where half of the mixture is its own: both sides' colours are those
-    nearby beyond the rim. What is too thin to have an inside stays as it is.
+    A lens and a codec mix the colours of both sides there. The object ends where half of the mixture is its own; both sides' colours are
+    those nearby beyond the rim. What is too thin to have an inside stays as it is.
     """
     window = within(window_of(mask, 8), frame)
     shape = cut(mask, window)
     depth, distance = _depths(shape)
+    inner, outer = depth > min(MIXED, 0.5 * float(depth.max())), distance > MIXED
     smooth = cv2.GaussianBlur(cut(frame, window), (0, 0), 0.7).astype(np.float32)
-    sides = [(depth > min(MIXED, 0.5 * float(depth.max()))).astype(np.float32), (distance > MIXED).astype(np.float32)]
-    near = [cv2.GaussianBlur(side, (0, 0), NEAR) for side in sides]
-    own, beside = (cv2.GaussianBlur(side[..., None] * smooth, (0, 0), NEAR) / np.maximum(some, 1e-3)[..., None] for side, some in zip(sides, near))
+    (own, inside), (beside, outside) = (_averaged(smooth, side) for side in (inner, outer))
     apart = own - beside
     less = np.sum((smooth - beside - 0.5 * apart) * apart, axis=2) <= 0.5 * GRAIN**2
-    gone = shape & (sides[0] == 0.0) & less & (near[0] > 1e-3) & (near[1] > 1e-3)
+    gone = shape & ~inner & less & inside & outside
     left = mask.copy()
     paste(left, tidy(shape & ~gone, shape), window)
     return left
+
+
+def _averaged(smooth: np.ndarray, side: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The colours (h, w, 3) float32 of `smooth` on one `side` (h, w) bool, averaged nearby, and where there are any (h, w) bool."""
+    some = cv2.GaussianBlur(side.astype(np.float32), (0, 0), NEAR)
+    level = cv2.GaussianBlur(np.where(side[..., None], smooth, np.float32(0.0)), (0, 0), NEAR)
+    return level / np.maximum(some, 1e-3)[..., None], some > 1e-3
 
 
 def _depths(shape: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -211,25 +205,3 @@ def _rim(shape: np.ndarray) -> np.ndarray:
     kernel, one = np.ones((3, 3), np.uint8), shape.astype(np.uint8)
     rim: np.ndarray = cv2.dilate(one, kernel) > cv2.erode(one, kernel)
     return rim
-
-
-def trimmed(frame: np.ndarray, mask: np.ndarray, plate: Plate) -> np.ndarray:
-    """The outline `mask` (H, W) bool without the outer half of its blurred rim, where the background is known.
-
-    A lens spreads an edge over pixels on either side of it: the object ends where half is left of the contrast that it has farther in.
-    Nothing is added, as a shadow beside it may have as much; what is too thin to have an inside stays as it is.
-    """
-    if not mask.any():
-        return mask
-    window = window_of(mask, 3)
-    apart = cv2.GaussianBlur(cut(frame, window).astype(np.float32) - cut(plate.color, window), (0, 0), 0.5)
-    shape, (red, green, blue) = cut(mask, window, cv2.BORDER_CONSTANT), cv2.split(apart)
-    away = np.sqrt(red * red + green * green + blue * blue)
-    depth = cv2.distanceTransform(shape.astype(np.uint8), cv2.DIST_L2, 5)
-    inner = (depth > BLURRED).astype(np.float32)
-    near, level = (cv2.GaussianBlur(one, (0, 0), LOCAL) for one in (inner, inner * away))
-    known = cut(plate.reliable, window, cv2.BORDER_CONSTANT) & (near > 1e-3)
-    gone = shape & (depth <= BLURRED) & known & (away * near <= 0.5 * level)
-    left = mask.copy()
-    paste(left, shape & ~gone, window)
-    return left
