@@ -44,12 +44,11 @@ BESIDE, INSIDE = 24, 0.6
 """Pixels beyond the band in which an outline is found again that show the surroundings' colours, and the part of the object's depth that
 the band reaches at most."""
 
-ITERATIONS, PIXELS = 2, 25_000
-"""Of GrabCut where the outline is known already, and region size beyond which a smaller copy will do: the rim of a large thing is little
-of it."""
+PIXELS = 15_000
+"""Region size beyond which GrabCut sees a smaller copy where an outline is found again: the rim of a large thing is little of it."""
 
-MIXED, NEAR = 1.5, 2.0
-"""Pixels on either side of an outline over which colours are mixed, and standard deviation of the blur [px] that averages those beyond."""
+MIXED, NEAR = 1.5, 3
+"""Pixels on either side of an outline over which colours are mixed, and pixels round one of the rim in which those beyond are averaged."""
 
 GRAIN = 7.0
 """Grey levels by which the two sides have to differ for a mixture to be told."""
@@ -59,7 +58,11 @@ def cut_back(frame: np.ndarray, mask: np.ndarray, plate: Plate | None, progress:
     """The outline `mask` (H, W) bool in `frame` (H, W, 3) uint8 as it is handed on: `unshaded` where the background is known, then
     `cut_again` and `halved`."""
     own = mask if plate is None else unshaded(frame, mask, plate)
-    return halved(frame, cut_again(frame, own, progress)) if own.any() else own
+    if not own.any():
+        return own
+    again = cut_again(frame, own, progress)
+    # Of something as thin as a thread, a smaller copy may show nothing.
+    return halved(frame, again) if again.any() else own
 
 
 def cut_again(frame: np.ndarray, mask: np.ndarray, progress: Progress) -> np.ndarray:
@@ -75,7 +78,7 @@ def cut_again(frame: np.ndarray, mask: np.ndarray, progress: Progress) -> np.nda
     trimap[depth > min(band, INSIDE * float(depth.max()))] = cv2.GC_FGD
     trimap[distance > band] = cv2.GC_BGD
     found = np.zeros_like(mask)
-    paste(found, tidy(grab_cut(cut(frame, window), trimap, ITERATIONS, progress, PIXELS), shape), window)
+    paste(found, grab_cut(cut(frame, window), trimap, 1, progress, PIXELS), window)
     return found
 
 
@@ -85,31 +88,33 @@ def halved(frame: np.ndarray, mask: np.ndarray) -> np.ndarray:
     A lens and a codec mix the colours of both sides there. The object ends where half of the mixture is its own; both sides' colours are
     those nearby beyond the rim. What is too thin to have an inside stays as it is.
     """
-    window = within(window_of(mask, 8), frame)
-    shape = cut(mask, window)
+    window = within(window_of(mask, NEAR), frame)
+    shape, smooth = cut(mask, window).copy(), cv2.GaussianBlur(cut(frame, window), (0, 0), 0.7)
     depth, distance = _depths(shape)
-    inner, outer = depth > min(MIXED, 0.5 * float(depth.max())), distance > MIXED
-    smooth = cv2.GaussianBlur(cut(frame, window), (0, 0), 0.7).astype(np.float32)
-    (own, inside), (beside, outside) = (_averaged(smooth, side) for side in (inner, outer))
+    inner = depth > min(MIXED, 0.5 * float(depth.max()))
+    rim = shape & ~inner
+    (own, inside), (beside, outside) = (_averaged(smooth, side, rim) for side in (inner, distance > MIXED))
     apart = own - beside
-    less = np.sum((smooth - beside - 0.5 * apart) * apart, axis=2) <= 0.5 * GRAIN**2
-    gone = shape & ~inner & less & inside & outside
+    less = np.sum((smooth[rim] - beside - 0.5 * apart) * apart, axis=1) <= 0.5 * GRAIN**2
+    shape[rim] = ~(less & inside & outside)
     left = mask.copy()
-    paste(left, tidy(shape & ~gone, shape), window)
+    paste(left, tidy(shape), window)
     return left
 
 
-def _averaged(smooth: np.ndarray, side: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The colours (h, w, 3) float32 of `smooth` on one `side` (h, w) bool, averaged nearby, and where there are any (h, w) bool."""
-    some = cv2.GaussianBlur(side.astype(np.float32), (0, 0), NEAR)
-    level = cv2.GaussianBlur(np.where(side[..., None], smooth, np.float32(0.0)), (0, 0), NEAR)
-    return level / np.maximum(some, 1e-3)[..., None], some > 1e-3
+def _averaged(smooth: np.ndarray, side: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The colours (P, 3) float32 of `smooth` (h, w, 3) uint8 on one `side` (h, w) bool, averaged nearby, and whether there are any, (P,)
+    bool: for each pixel `at` (h, w) bool."""
+    size = (2 * NEAR + 1, 2 * NEAR + 1)
+    some = cv2.boxFilter(side.astype(np.uint8), cv2.CV_32F, size, normalize=False)[at]
+    total = cv2.boxFilter(cv2.bitwise_and(smooth, smooth, mask=side.astype(np.uint8)), cv2.CV_32F, size, normalize=False)[at]
+    return total / np.maximum(some, 1.0)[:, None], some > 0.5
 
 
 def _depths(shape: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """How deep in `shape` (h, w) bool, which goes on beyond the window, a pixel lies, and how far from it, (h, w) float32 [px] both."""
-    inside, outside = (np.pad(one, 1, mode="edge").astype(np.uint8) for one in (shape, ~shape))
-    return cv2.distanceTransform(inside, cv2.DIST_L2, 5)[1:-1, 1:-1], cv2.distanceTransform(outside, cv2.DIST_L2, 5)[1:-1, 1:-1]
+    one = cv2.copyMakeBorder(shape.astype(np.uint8), 1, 1, 1, 1, cv2.BORDER_REPLICATE)
+    return cv2.distanceTransform(one, cv2.DIST_L2, 5)[1:-1, 1:-1], cv2.distanceTransform(1 - one, cv2.DIST_L2, 5)[1:-1, 1:-1]
 
 
 def boxed_in(frame: np.ndarray, mask: np.ndarray, box: np.ndarray, plate: Plate) -> np.ndarray:
