@@ -44,7 +44,7 @@ BESIDE, INSIDE = 24, 0.6
 """Pixels beyond the band in which an outline is found again that show the surroundings' colours, and the part of the object's depth that
 the band reaches at most."""
 
-PIXELS = 15_000
+PIXELS = 25_000
 """Region size beyond which GrabCut sees a smaller copy where an outline is found again: the rim of a large thing is little of it."""
 
 MIXED, NEAR = 1.5, 3
