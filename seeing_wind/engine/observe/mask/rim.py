@@ -47,6 +47,9 @@ the band reaches at most."""
 PIXELS = 25_000
 """Region size beyond which GrabCut sees a smaller copy where an outline is found again: the rim of a large thing is little of it."""
 
+THIN = 5
+"""Pixels of that copy up to which a part is too thin to be found again in it."""
+
 MIXED, NEAR = 1.5, 3
 """Pixels on either side of an outline over which colours are mixed, and pixels round one of the rim in which those beyond are averaged."""
 
@@ -77,8 +80,15 @@ def cut_again(frame: np.ndarray, mask: np.ndarray, progress: Progress) -> np.nda
     trimap = np.where(shape, cv2.GC_PR_FGD, cv2.GC_PR_BGD).astype(np.uint8)
     trimap[depth > min(band, INSIDE * float(depth.max()))] = cv2.GC_FGD
     trimap[distance > band] = cv2.GC_BGD
+    again = grab_cut(cut(frame, window), trimap, 1, progress, PIXELS)
+    if trimap.size > PIXELS:
+        # A stem is hardly a pixel wide on a smaller copy: it is left as it was.
+        across = int(THIN * np.sqrt(trimap.size / PIXELS)) | 1
+        kernel = np.ones((across, across), np.uint8)
+        broad = cv2.dilate(cv2.morphologyEx(shape.astype(np.uint8), cv2.MORPH_OPEN, kernel), kernel) > 0
+        again = np.where(broad, again, shape)
     found = np.zeros_like(mask)
-    paste(found, grab_cut(cut(frame, window), trimap, 1, progress, PIXELS), window)
+    paste(found, again, window)
     return found
 
 
