@@ -41,8 +41,8 @@ EDGE = 3
 """Pixels over which an edge rises to its contrast."""
 
 BESIDE, INSIDE = 24, 0.6
-"""Pixels beyond the band in which an outline is found again that show the surroundings' colours, and the part of the object's depth that
-the band reaches at most."""
+"""Pixels beyond the band in which an outline is found again that show the surroundings' colours, and the part of the depth that the object
+has nearby, a stem less than a head, which the band reaches at most."""
 
 PIXELS = 25_000
 """Region size beyond which GrabCut sees a smaller copy where an outline is found again: the rim of a large thing is little of it."""
@@ -78,7 +78,8 @@ def cut_again(frame: np.ndarray, mask: np.ndarray, progress: Progress) -> np.nda
     shape = cut(mask, window)
     depth, distance = _depths(shape)
     trimap = np.where(shape, cv2.GC_PR_FGD, cv2.GC_PR_BGD).astype(np.uint8)
-    trimap[depth > min(band, INSIDE * float(depth.max()))] = cv2.GC_FGD
+    reach = np.ones((2 * int(band) + 1, 2 * int(band) + 1), np.uint8)
+    trimap[depth > np.minimum(band, INSIDE * cv2.dilate(depth, reach))] = cv2.GC_FGD
     trimap[distance > band] = cv2.GC_BGD
     again = grab_cut(cut(frame, window), trimap, 1, progress, PIXELS)
     if trimap.size > PIXELS:
