@@ -99,6 +99,15 @@ def test_an_outline_that_was_carried_a_little_off_is_found_again() -> None:
     assert not cut_back(frame, nothing, None, NoProgress()).any()
 
 
+@pytest.mark.parametrize(("apart", "grain", "half"), [(6.0, 8.0, 2), (6.0, 20.0, 4), (20.0, 20.0, 2)])
+def test_a_stem_that_hardly_stands_out_keeps_its_length_below_a_thick_head(apart: float, grain: float, half: int) -> None:
+    head, stem = np.hypot(ROWS - 35, COLUMNS - 60) < 26, (np.abs(COLUMNS - 60) < half) & (ROWS > 40)
+    frame = np.tile(FLOOR, (SIZE, SIZE, 1)) - apart * stem[..., None] + np.random.default_rng(0).normal(0.0, grain, (SIZE, SIZE, 3))
+    frame = np.clip(np.where(head[..., None], np.array([90.0, 40.0, 30.0]), frame), 0, 255).astype(np.uint8)
+    found = cut_back(frame, head | stem, None, NoProgress())
+    assert found[:, 60][stem[:, 60]].all() and overlap(found, head | stem) > 0.9
+
+
 def test_an_outline_ends_where_half_of_a_blur_is_its_own() -> None:
     """Also where nothing is known of the background; what has no inside stays as it is."""
     light, line = painted(BALL, (250, 250, 250)), np.abs(COLUMNS - 60) < 1
