@@ -50,7 +50,8 @@ def check_vdb(scene: bpy.types.Scene, folder: Path) -> None:
     files = sorted((folder / "vdb").glob("*.vdb"))
     check("one file per frame", len(files) == 12 and files[0].name == "wind_0002.vdb", str(len(files)))
     sampled = read_samples(samples_of(field))
-    points, force = sampled.points, sampled.force
+    points, far = sampled.points, 1.0 - np.clip(sampled.distance[4] / (0.75 * np.ptp(sampled.points, axis=0).max()), 0.0, 1.0)
+    force = sampled.force * (far**2 * (3.0 - 2.0 * far))[:, None]  # of what it leaves of this frame
     grids = {grid.name: grid for grid in openvdb.readAllGridMetadata(str(files[4]))}
     check("grids", set(grids) == {"force", "confidence"})
     said = {name: (str(grid.gridClass), grid["unit"]) for name, grid in grids.items()}

@@ -35,8 +35,8 @@ BAR = (1.0, 0.02)
 """Mean angle [degrees] and mean relative error of the size in the box."""
 
 
-def sampled(take: Path, points: np.ndarray, frame: int) -> np.ndarray:
-    """The engine's own answer (P, 3) [N/m³]."""
+def sampled(take: Path, points: np.ndarray, frame: int, fade: float | None) -> np.ndarray:
+    """The engine's own answer (P, 3) [N/m³], of which a fade over so many metres from the object leaves a part (docs/reference/edit.md)."""
     with tempfile.TemporaryDirectory() as folder:
         places, out = Path(folder) / "points.npy", Path(folder) / "out.npz"
         np.save(places, points)
@@ -44,7 +44,9 @@ def sampled(take: Path, points: np.ndarray, frame: int) -> np.ndarray:
         # a Blender that stands elsewhere passes on nothing of its own Python
         clean = {key: value for key, value in os.environ.items() if not key.startswith("PYTHON")} | {"PYTHONPATH": str(ROOT)}
         subprocess.run([*call, "--frame", str(frame), "--out", str(out)], check=True, env=clean, stdout=subprocess.DEVNULL, cwd=ROOT)
-        return np.load(out)["force_density"]
+        with np.load(out) as found:
+            share = np.ones(len(points)) if fade is None else 1.0 - np.clip(found["distance"] / fade, 0.0, 1.0)
+            return found["force_density"] * (share**2 * (3.0 - 2.0 * share))[:, None]
 
 
 def compared(found: np.ndarray, truth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -73,6 +75,7 @@ def main() -> None:
     box = read_samples(samples_of(field)).box + middle
     body = Take(options.take).read_arrays("trajectory.npz")["x"]
     rng, side = np.random.default_rng(0), float(np.ptp(box, axis=0).max())
+    fade = 0.75 * side if options.reach == "FADE" else None
     away = middle + side * np.array([[0.9, 0, 0], [0, 0, -0.9], [0, 1.5, 0], [2.5, 0, 0], [0, -4.0, 0], [0, 0, 10.0]])
     rows: dict[str, list] = {}
     for interval in np.linspace(0, frames - 1, min(FRAMES, frames)).astype(int):
@@ -83,7 +86,7 @@ def main() -> None:
         felt = felt * field["seeing_wind_fps"] / solvers["FPS"]
         _, read = solvers["sample_wind"](field, points, first + interval + 1)
         read = read * solvers["DENSITY"] / density
-        truth = sampled(options.take, places, interval) / density
+        truth = sampled(options.take, places, interval, fade) / density
         start = 0
         for place, group in groups.items():
             part = slice(start, start + len(group))

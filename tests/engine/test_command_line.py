@@ -17,6 +17,8 @@ import pytest
 from seeing_wind.engine.command.arguments import parser
 from seeing_wind.engine.errors import DONE_WITH_WARNINGS, UsageError
 from seeing_wind.engine.field import GustField
+from seeing_wind.engine.field.confidence import ConfidenceMap
+from seeing_wind.engine.field.representations.point import ForceFieldPoint
 from seeing_wind.engine.progress import NoProgress, Progress
 from seeing_wind.engine.record_arrays import from_arrays
 from seeing_wind.engine.records import Observation
@@ -178,6 +180,20 @@ def windy(tmp_path: Path) -> Path:
     GustField(1, box, 25.0, 4, np.zeros(3), 2.0).save(tmp_path / "windy.take" / "field.safetensors")
     np.save(tmp_path / "p.npy", np.random.default_rng(0).uniform(size=(20_000, 3)))
     return tmp_path / "windy.take"
+
+
+def test_samples_say_how_far_from_the_object_they_are(engine, tmp_path: Path) -> None:
+    x = np.random.default_rng(0).uniform(size=(4, 50, 3))
+    seen = ConfidenceMap(x, np.ones((4, 50)), 0.02)
+    for name in ("field", "wind"):
+        field = ForceFieldPoint(np.array([[0.0] * 3, [1.0] * 3]), 25.0, 4, x, np.ones((4, 50, 3)), seen)
+        field.kind = {"field": "force"}.get(name, name)
+        field.save(tmp_path / f"{name}.safetensors")
+    np.save(tmp_path / "p.npy", np.array([x[2, 7], [0.5, 0.5, 3.0]]))
+    engine("sample", tmp_path, "--points", tmp_path / "p.npy", "--frame", 2, "--out", tmp_path / "o.npz", expect=0)
+    with np.load(tmp_path / "o.npz") as found:
+        assert found["distance"] == pytest.approx([0.0, np.linalg.norm(x[2] - [0.5, 0.5, 3.0], axis=1).min() - 0.01])
+        np.testing.assert_array_equal(found["wind_distance"], found["distance"])
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="Windows has no such pipes")

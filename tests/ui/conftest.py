@@ -48,6 +48,12 @@ def checks() -> dict[str, Any]:
     return runpy.run_path(str(Path(__file__).resolve().parents[1] / "blender" / "field_object_check.py"), run_name="checks")
 
 
+@pytest.fixture(scope="session")
+def solvers() -> dict[str, Any]:
+    """The functions of tests/blender/native_solvers_check.py, which measure what solvers feel."""
+    return runpy.run_path(str(Path(__file__).resolve().parents[1] / "blender" / "native_solvers_check.py"), run_name="solvers")
+
+
 @pytest.fixture(scope="module")
 def workplace(tmp_path_factory) -> Path:
     """A folder that a careless program stumbles over, with a clip and a stand-in for the engine's Python."""

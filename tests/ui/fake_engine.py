@@ -28,6 +28,12 @@ def swirl(points: np.ndarray) -> np.ndarray:
     return 500.0 * growing * np.stack([-points[..., 1], points[..., 0], np.full(points.shape[:-1], 0.2)], axis=-1)
 
 
+def away(points: np.ndarray) -> np.ndarray:
+    """(T, M) [m] from a ball of radius 0.3 m about the object, which drifts, of points (T, M, 3) [m]."""
+    middle = np.arange(len(points))[:, None, None] * np.array([0.02, 0.0, 0.01])
+    return np.maximum(np.linalg.norm(points - middle, axis=-1) - 0.3, 0.0)
+
+
 def outlines() -> list[np.ndarray]:
     """Of the white square of `extension.make_clip`."""
     masks = np.zeros((FRAMES + 1, SIZE[1], SIZE[0]), bool)
@@ -124,9 +130,9 @@ def sample(options: list[str]) -> None:
 
     points, out = np.load(options[options.index("--points") + 1]), Path(options[options.index("--out") + 1])
     assert points.shape[0] == FRAMES and points.ndim == 3, points.shape
-    arrays = {"force_density": swirl(points), "confidence": np.ones(points.shape[:2])}
+    arrays = {"force_density": swirl(points), "confidence": np.ones(points.shape[:2]), "distance": away(points)}
     if Take(options[0]).file("wind.safetensors").is_file():
-        arrays |= {"wind_velocity": breeze(points), "wind_confidence": arrays["confidence"]}
+        arrays |= {"wind_velocity": breeze(points), "wind_confidence": arrays["confidence"], "wind_distance": arrays["distance"]}
     Take(out.parent).write_arrays(out.name, arrays)
 
 

@@ -96,7 +96,7 @@ def parser() -> Parser:
     sample.add_argument("take", type=path, metavar="DIR", help="take of the recovered field")
     sample.add_argument("--points", required=True, metavar="P.npy", help="(N,3) m for one frame, or (T,N,3) m, one row per frame")
     sample.add_argument("--frame", type=int, metavar="T", help="the frame for (N,3) points")
-    sample.add_argument("--out", required=True, metavar="OUT.npz", help="gets force_density [N/m³] and confidence")
+    sample.add_argument("--out", required=True, metavar="OUT.npz", help="gets force_density [N/m³], confidence and distance [m]")
     resimulate = verbs.add_parser("resimulate", help="insert, pin, scale and simulate in the recovered field", allow_abbrev=False)
     resimulate.add_argument("source", type=path, metavar="DIR", help="take of the recovered field")
     resimulate.add_argument("--edit", required=True, metavar="EDIT.toml", help="bodies and colliders, see below")

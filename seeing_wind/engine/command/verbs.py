@@ -21,8 +21,7 @@ Result = dict[str, Any]
 
 def sample(arguments: argparse.Namespace, progress: Progress) -> Result:
     """`sample DIR --points P.npy [--frame T] --out OUT.npz`."""
-    from ..field import load_field
-    from ..field.sampling import sample_file
+    from ..field import distances, load_field, read_points, sample_points
     from ..recovery.wind.stage import read_wind
 
     field = load_field(require_take(arguments.take).file("field.safetensors"))
@@ -32,11 +31,13 @@ def sample(arguments: argparse.Namespace, progress: Progress) -> Result:
     if out.resolve() == Path(arguments.points).resolve():
         raise UsageError(f"{out} is the file of the points.", "Give --out another name.")
     Take.refuse_result(out)
-    force_density, confidence = sample_file(field, arguments.points, arguments.frame, progress)
-    arrays = {"force_density": force_density, "confidence": confidence}
+    points, frame = read_points(arguments.points), arguments.frame
+    force_density, confidence = sample_points(field, points, frame, progress)
+    arrays = {"force_density": force_density, "confidence": confidence, "distance": distances(field, points, frame)}
     wind = read_wind(Take(arguments.take))
     if wind is not None:
-        arrays["wind_velocity"], arrays["wind_confidence"] = sample_file(wind, arguments.points, arguments.frame, progress)
+        arrays["wind_velocity"], arrays["wind_confidence"] = sample_points(wind, points, frame, progress)
+        arrays["wind_distance"] = distances(wind, points, frame)
     Take(out.parent).write_arrays(out.name, arrays)
     return {"outcome": "converged", "out": str(out), "points": confidence.size}
 

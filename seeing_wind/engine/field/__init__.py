@@ -10,7 +10,7 @@
 from .analytic import ForceFieldAnalytic, GustField, UniformField
 from .distillation import distill
 from .force_field import ForceField
-from .sampling import export_field, sample_file, sample_points
+from .sampling import distances, export_field, read_points, sample_points
 from .storage import load_field
 
 __all__ = [
@@ -18,9 +18,10 @@ __all__ = [
     "ForceFieldAnalytic",
     "GustField",
     "UniformField",
+    "distances",
     "distill",
     "export_field",
     "load_field",
-    "sample_file",
+    "read_points",
     "sample_points",
 ]

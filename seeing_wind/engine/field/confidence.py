@@ -59,18 +59,30 @@ class ConfidenceMap:
 
     def at(self, points: np.ndarray, frame: int) -> np.ndarray:
         """Confidence (M,) at points (M, 3) [m] in frame interval `frame`."""
+        distance, index = self._nearest(points, frame, min(NEIGHBOURS, self.value.shape[1]))
+        # relative to the nearest, so that far away the weights do not all vanish
+        weight = np.exp(-(distance**2 - distance[:, :1] ** 2) / self.reach**2)
+        value = (weight * self.value[frame].astype(np.float64)[index]).sum(axis=1) / weight.sum(axis=1)
+        return value * np.exp(-0.5 * (self._beyond(distance[:, 0]) / (FALL * self.reach)) ** 2)
+
+    def away(self, points: np.ndarray, frame: int) -> tuple[np.ndarray, np.ndarray]:
+        """How far points (M, 3) [m] are from the object in frame interval `frame`: (M,) [m], 0 on it, and the gradient of that (M, 3)."""
+        distance, index = self._nearest(points, frame, 1)
+        beyond = self._beyond(distance[:, 0])
+        outwards = (points - self.origin - self.points[frame].astype(np.float64)[index[:, 0]]) / np.maximum(distance, NEAREST)
+        return beyond, np.where(beyond[:, None] > 0.0, outwards, 0.0)
+
+    def _nearest(self, points: np.ndarray, frame: int, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """Distances (M, count) [m] to the nearest support points, the nearest first, and their indices."""
         if frame not in self._trees:
             self._trees[frame] = cKDTree(self.points[frame].astype(np.float64))
-        count = min(NEIGHBOURS, self.value.shape[1])
         # Squared distances beyond 1e150 overflow, and the tree then finds nobody.
         distance, index = self._trees[frame].query(np.clip(points, -FAR, FAR) - self.origin, k=count)
-        distance, index = distance.reshape(len(points), count), index.reshape(len(points), count)
-        nearest = distance[:, :1]
-        # relative to the nearest, so that far away the weights do not all vanish
-        weight = np.exp(-(distance**2 - nearest**2) / self.reach**2)
-        value = (weight * self.value[frame].astype(np.float64)[index]).sum(axis=1) / weight.sum(axis=1)
-        beyond = np.maximum(nearest[:, 0] - self.reach / 2, 0.0)
-        return value * np.exp(-0.5 * (beyond / (FALL * self.reach)) ** 2)
+        return distance.reshape(len(points), count), index.reshape(len(points), count)
+
+    def _beyond(self, distance: np.ndarray) -> np.ndarray:
+        """Of distances to the nearest support point what lies outside the object, whose particles are between these points."""
+        return np.maximum(distance - self.reach / 2, 0.0)
 
     def tensors(self) -> dict[str, np.ndarray]:
         """What the field's file must hold besides `reach`."""

@@ -66,6 +66,14 @@ class ForceField(ABC):
         """d f_i / d x_j (M, 3, 3) [N/m⁴] at points (M, 3) [m]. Raises as `sample`."""
         return self._gradient(self._checked(points, frame), frame)
 
+    def away(self, points: np.ndarray, frame: int) -> tuple[np.ndarray, np.ndarray]:
+        """How far points (M, 3) [m] are from the filmed object during frame interval `frame`, and the gradient of that. Raises as `sample`.
+
+        Returns:
+            (M,) [m], 0 on the object, and everywhere in a field that is known everywhere; (M, 3), 0 where the distance is.
+        """
+        return self._away(self._checked(points, frame), frame)
+
     def save(self, path: str | PathLike[str]) -> None:
         """Write the field as safetensors: weights, and metadata that other readers need (box, fps, frames, units, ...).
 
@@ -112,6 +120,10 @@ class ForceField(ABC):
     def _confidence(self, points: np.ndarray, frame: int) -> np.ndarray:
         """Confidence (M,): one, unless a representation knows better."""
         return np.ones(len(points))
+
+    def _away(self, points: np.ndarray, frame: int) -> tuple[np.ndarray, np.ndarray]:
+        """See `away`: nowhere, unless a representation knows better."""
+        return np.zeros(len(points)), np.zeros(points.shape)
 
     def _checked(self, points: np.ndarray, frame: int) -> np.ndarray:
         points = np.asarray(points, dtype=np.float64)

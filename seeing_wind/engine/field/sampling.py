@@ -33,20 +33,33 @@ def sample_points(
     Raises:
         UsageError: for a shape that does not fit, or as `ForceField.sample`.
     """
-    points, progress = np.asarray(points), progress or NoProgress()
-    if not np.issubdtype(points.dtype, np.number) or np.iscomplexobj(points):
-        raise UsageError(f"Points must be real numbers in metres, not {points.dtype}.", POINTS)
+    points, progress = _checked(field, points, frame), progress or NoProgress()
     if frame is not None:
-        if points.ndim != 2:
-            raise UsageError(f"With a frame, points must have shape (N, 3), not {points.shape}.", POINTS)
         return field.sample(points, frame)
-    if points.ndim != 3 or len(points) != field.frames:
-        raise UsageError(f"Points of every frame must have shape ({field.frames}, N, 3), not {points.shape}.", "Or name one frame.")
     forces, confidences = np.zeros(points.shape), np.zeros(points.shape[:2])
     for t in range(field.frames):
         forces[t], confidences[t] = field.sample(points[t], t)
         progress.update((t + 1) / field.frames, "sampling")
     return forces, confidences
+
+
+def distances(field: ForceField, points: np.ndarray, frame: int | None = None) -> np.ndarray:
+    """How far points are from the filmed object, (N,) or (T, N) [m]; arguments and errors as `sample_points`."""
+    points = _checked(field, points, frame)
+    if frame is not None:
+        return field.away(points, frame)[0]
+    return np.stack([field.away(row, t)[0] for t, row in enumerate(points)])
+
+
+def _checked(field: ForceField, points: np.ndarray, frame: int | None) -> np.ndarray:
+    points = np.asarray(points)
+    if not np.issubdtype(points.dtype, np.number) or np.iscomplexobj(points):
+        raise UsageError(f"Points must be real numbers in metres, not {points.dtype}.", POINTS)
+    if frame is not None and points.ndim != 2:
+        raise UsageError(f"With a frame, points must have shape (N, 3), not {points.shape}.", POINTS)
+    if frame is None and (points.ndim != 3 or len(points) != field.frames):
+        raise UsageError(f"Points of every frame must have shape ({field.frames}, N, 3), not {points.shape}.", "Or name one frame.")
+    return points
 
 
 def read_points(path: str | PathLike[str]) -> np.ndarray:
@@ -59,13 +72,6 @@ def read_points(path: str | PathLike[str]) -> np.ndarray:
         return read_array(path)
     except (OSError, ValueError) as error:
         raise UsageError(f"{path} cannot be read as points: {error}.", POINTS) from error
-
-
-def sample_file(
-    field: ForceField, path: str | PathLike[str], frame: int | None = None, progress: Progress | None = None
-) -> tuple[np.ndarray, np.ndarray]:
-    """`sample_points` for the points of an NPY file."""
-    return sample_points(field, read_points(path), frame, progress)
 
 
 def lattice(box: np.ndarray, nodes: int = NODES) -> tuple[np.ndarray, tuple[int, int, int]]:

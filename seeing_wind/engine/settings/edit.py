@@ -132,8 +132,8 @@ class Edit:
         help="NPY (T,4,4) of the field's place in every frame: matrices from its own coordinates (m) to the world's",
     )  # fmt: skip
     fade: float | None = option(
-        None, help="how far beside its box the field fades to nothing", unit="m", above=0.0, panel="",
-        otherwise="it goes on as at the box's edge",
+        None, unit="m", above=0.0, panel="", otherwise="whole in its box, and beside it as at the box's edge",
+        help="how far from the clip's object, where that is in a frame, the field fades to nothing, and once more how far beside its box",
     )  # fmt: skip
     falloff: tuple[float, float] | None = option(
         None, help="a (m) and p in place of a fade: (a / (a + d)) ** p of the field is left at a distance d from its box", panel="",

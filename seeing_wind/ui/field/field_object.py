@@ -62,7 +62,7 @@ def create_field_object(
         fps: frames per second of the clip; one scene frame is one clip frame.
         density: of the recovered material [kg/m³], the default of a calibration.
         frame_start: scene frame of clip frame 0.
-        reach: what becomes of it beside the box, see `texture.reach`.
+        reach: what becomes of it away from the filmed object and beside the box, see `texture.reach`.
         take: folder of the take, kept on the object.
         kind: WIND lets solvers feel the wind of a field that has one, FORCE the force.
         speeds: of that wind, its mean and its strongest gust [m/s].
@@ -82,7 +82,8 @@ def create_field_object(
     unit, centre = metres_per_unit(scene), sampled.box.mean(axis=0)
     # forces in scene units too, so that f / rho comes out in scene units per square second
     wind = None if sampled.velocity is None else sampled.velocity / unit
-    local = SampledField((sampled.points - centre) / unit, sampled.force / unit, sampled.confidence, wind).thinned()
+    away = None if sampled.distance is None else sampled.distance / unit
+    local = SampledField((sampled.points - centre) / unit, sampled.force / unit, sampled.confidence, wind, away).thinned()
     obj = bpy.data.objects.new(name, _box(name, local.box))
     obj.location = centre / unit
     obj.lock_scale = (True, True, True)
@@ -142,11 +143,13 @@ def turn_override(field: bpy.types.Object) -> None:
         raise UsageError(f"{field.name} is no library override.", "Choose a field that was linked and overridden.")
     if samples is None:
         raise UsageError(f"The values under {field.name} are gone.", "Link it again.")
-    felt = read_samples(samples).felt_as(field[KIND])
+    sampled = read_samples(samples)
+    end = reach_of(field["seeing_wind_reach"], sampled.box)
+    felt = sampled.felt_as(field[KIND], end)
     atlas = make_atlas(f"{field.name} Atlas", felt)
     followers = make_followers(field, atlas.frames, atlas.counts[1] * atlas.pixel[1], SOLVER_DELAY)
     former = field.field.texture
-    field.field.texture = make_texture(field.name, atlas, felt.box, followers, reach_of(field["seeing_wind_reach"], felt.box))
+    field.field.texture = make_texture(field.name, atlas, felt.box, followers, end)
     remove_texture(former)
     for modifier in [each for each in field.modifiers if each.type == "NODES" and AGAIN in each.name]:
         field.modifiers.remove(modifier)
@@ -184,10 +187,10 @@ def _box(name: str, box: np.ndarray) -> bpy.types.Mesh:
 def _blow(obj: bpy.types.Object, sampled: SampledField, reach: str, kind: str) -> None:
     """Texture and strength of a field, and what the panel says of it."""
     kind = kind if has_wind(obj) else FORCE
-    felt, field, former = sampled.felt_as(kind), obj.field, obj.field.texture
+    end = reach_of(reach, sampled.box)
+    felt, field, former = sampled.felt_as(kind, end), obj.field, obj.field.texture
     atlas = make_atlas(f"{obj.name} Atlas", felt)
     followers = make_followers(obj, atlas.frames, atlas.counts[1] * atlas.pixel[1], SOLVER_DELAY)
-    end = reach_of(reach, felt.box)
     field.texture = make_texture(obj.name, atlas, felt.box, followers, end)
     remove_texture(former)
     _wait(obj, followers)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
 from ...engine.errors import UsageError
 from .display import FORCE, WIND
+from .texture.reach import FADE, Reach, left_near, reach_of
 
 CELLS = 24
 """Cells along a box's longest side at which the engine is asked. On a recovered field with waves shorter than the body, linear
@@ -81,6 +83,8 @@ class SampledField:
     """(T, L) in 0..1."""
     velocity: np.ndarray | None = None
     """(T, L, 3) of the wind that makes the force, any unit; None where the field is a force only."""
+    distance: np.ndarray | None = None
+    """(T, L) from the filmed object, in the unit of the nodes; None where the field is known everywhere."""
 
     def __post_init__(self) -> None:
         """Refuse arrays that do not agree. Raises UsageError."""
@@ -92,7 +96,9 @@ class SampledField:
             )
         if self.velocity is not None and np.shape(self.velocity) != shape:
             raise UsageError(f"The wind's samples have the shape {np.shape(self.velocity)}.", f"Expected {shape}.")
-        if not all(np.isfinite(each).all() for each in (self.force, self.confidence, self.velocity) if each is not None):
+        if self.distance is not None and np.shape(self.distance) != shape[:2]:
+            raise UsageError(f"The distances have the shape {np.shape(self.distance)}.", f"Expected {shape[:2]}.")
+        if not all(np.isfinite(each).all() for each in (self.force, self.confidence, self.velocity, self.distance) if each is not None):
             raise UsageError("The sampled field is not finite everywhere.", "Recover it again.")
         try:
             lattice_counts(self.points)
@@ -109,9 +115,24 @@ class SampledField:
         """(2, 3) lower and upper corner."""
         return np.stack([self.points.min(axis=0), self.points.max(axis=0)])
 
-    def felt_as(self, kind: str) -> SampledField:
-        """The field that solvers are to feel: its velocity in place of the force where `kind` is WIND."""
-        return self if kind != WIND else SampledField(self.points, self.velocity, self.confidence)
+    def felt_as(self, kind: str, reach: Reach | None = None) -> SampledField:
+        """The field that solvers are to feel: its velocity in place of the force where `kind` is WIND; with a reach, what that leaves."""
+        felt = self.velocity if kind == WIND else self.force
+        if reach is not None:
+            felt = felt * self.left(reach)[..., None]
+        return SampledField(self.points, felt, self.confidence)
+
+    def left(self, reach: Reach) -> np.ndarray:
+        """Share (T, L) of the field that its reach leaves at the nodes."""
+        return left_near(reach, np.zeros(self.force.shape[:2]) if self.distance is None else self.distance)
+
+    def some(self, keep: np.ndarray) -> SampledField:
+        """The field at some of its nodes, which fill a lattice, too."""
+        wind, distance = self.velocity, self.distance
+        return SampledField(
+            self.points[keep], self.force[:, keep], self.confidence[:, keep], None if wind is None else wind[:, keep],
+            None if distance is None else distance[:, keep],
+        )  # fmt: skip
 
     def at(self, places: np.ndarray) -> np.ndarray:
         """The force (T, P, 3) at places (P, 3), linear between the nodes; beside the box that of its nearest place."""
@@ -135,10 +156,9 @@ class SampledField:
         if any(count % 2 == 0 or count < 5 for count in counts):
             return self
         keep = np.arange(len(self.points)).reshape(counts)[::2, ::2, ::2].ravel()
-        wind = self.velocity
-        coarse = SampledField(self.points[keep], self.force[:, keep], self.confidence[:, keep], None if wind is None else wind[:, keep])
-        for kind in (FORCE, WIND) if wind is not None else (FORCE,):
-            angle, size = differences(coarse.felt_as(kind).at(self.points), self.felt_as(kind).force)
+        coarse, ways = self.some(keep), [None] if self.distance is None else [None, reach_of(FADE, self.box)]
+        for kind, reach in product((FORCE, WIND) if self.velocity is not None else (FORCE,), ways):
+            angle, size = differences(coarse.felt_as(kind, reach).at(self.points), self.felt_as(kind, reach).force)
             if angle >= ENOUGH[0] or size >= ENOUGH[1]:
                 return self
         return coarse.thinned()
@@ -150,8 +170,7 @@ class SampledField:
         times as large; over all nodes its mean is then three times that over the whole box at the own spacing.
         """
         keep = np.arange(len(self.points)).reshape(self.counts)[tuple(slice(None, None, 2 if count % 2 else 1) for count in self.counts)]
-        coarse = SampledField(self.points[keep.ravel()], self.force[:, keep.ravel()], self.confidence[:, keep.ravel()])
-        angle, size = differences(coarse.at(self.points), self.force)
+        angle, size = differences(self.some(keep.ravel()).at(self.points), self.force)
         return angle / 3.0, size / 3.0
 
 

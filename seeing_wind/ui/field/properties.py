@@ -16,9 +16,9 @@ KINDS = [
     ("FORCE", "Force", "The force per volume that the filmed object felt, whatever the body and its speed"),
 ]
 REACHES = [
-    ("FADE", "Fade", "It fades over three quarters of the box's length: nothing is known there"),
-    ("HOLD", "Hold", "As strong as at the nearest edge of the box, however far away"),
-    ("CONTINUE", "Continue", "Weaker with distance, but never zero"),
+    ("FADE", "Fade", "It fades away from the filmed object, over three quarters of the box's length: nothing is known there"),
+    ("HOLD", "Hold", "Whole in the box, and beside it as strong as at its nearest edge, however far away"),
+    ("CONTINUE", "Continue", "Whole in the box, and beside it weaker with distance, but never zero"),
 ]
 
 
@@ -83,8 +83,8 @@ class FieldSettings:
         description="What Blender's own solvers feel of a field that was recovered as a wind", **_of_field("own_kind", KIND, KINDS),
     )  # fmt: skip
     field_reach: EnumProperty(
-        name="Outside the Box", items=REACHES, options=KEPT,
-        description="What becomes of the wind outside the box in which it was recovered",
+        name="Reach", items=REACHES, options=KEPT,
+        description="What becomes of the wind away from the filmed object and beside the box in which it was recovered",
         **_of_field("own_reach", "seeing_wind_reach", REACHES),
     )  # fmt: skip
     own_kind: EnumProperty(items=KINDS, options={"HIDDEN"}, description="That choice for the scene's own field")

@@ -14,12 +14,14 @@ import numpy as np
 from .display import CARRIED, SAMPLES_MARK
 from .lattice import SampledField
 from .node_groups import GroupBuilder, points_of_current_frame, set_up_modifier
-from .texture.reach import CONTINUE, FADE, Reach
+from .texture.reach import CONTINUE, FADE, Reach, left_near
 
 SAMPLE_WIND = "Sample Wind"
 FORCE, VELOCITY, COUNT, SURE, REACH = "force", "velocity", "lattice_count", "confidence", "reach"
 """Attributes: the field [N per cubic scene unit-metre, as the field object has it], the wind [scene units/s] where it has one, nodes along
 each axis, confidence in 0..1, and how the wind ends beside the box (see `set_reach`)."""
+DISTANCE, LEFT = "distance", "left"
+"""Attributes of a field that is not known everywhere: from the filmed object [scene units], and what its reach leaves there, 0..1."""
 
 FOR_EVER = 1e6
 """Scene units over which a wind fades that is not to fade."""
@@ -43,7 +45,9 @@ def create_samples(field: bpy.types.Object, sampled: SampledField, frame_start: 
     for name, values in {FORCE: forces, COUNT: many, **wind}.items():
         mesh.attributes.new(name, "FLOAT_VECTOR", "POINT").data.foreach_set("vector", values.astype(np.float32).ravel())
     mesh.attributes.new(REACH, "FLOAT_VECTOR", "POINT")
-    mesh.attributes.new(SURE, "FLOAT", "POINT").data.foreach_set("value", sampled.confidence.astype(np.float32).ravel())
+    near = {} if sampled.distance is None else {DISTANCE: sampled.distance, LEFT: np.ones_like(sampled.distance)}
+    for name, values in {SURE: sampled.confidence, **near}.items():
+        mesh.attributes.new(name, "FLOAT", "POINT").data.foreach_set("value", values.astype(np.float32).ravel())
     mesh.update()
     obj = bpy.data.objects.new(f"{field.name} Samples", mesh)
     obj[SAMPLES_MARK] = True
@@ -54,6 +58,8 @@ def create_samples(field: bpy.types.Object, sampled: SampledField, frame_start: 
     current = points_of_current_frame(group, forces.shape[1], len(forces), frame_start, delay, field)
     # the strength slider of the field object acts here too
     strength = group.strength(field)
+    if near:
+        strength = group.math("MULTIPLY", strength, group.attribute(LEFT))
     for name in (FORCE, *wind):
         current = group.node(
             "GeometryNodeStoreNamedAttribute",
@@ -65,10 +71,16 @@ def create_samples(field: bpy.types.Object, sampled: SampledField, frame_start: 
 
 
 def set_reach(samples: bpy.types.Object, reach: Reach) -> None:
-    """Say how *Sample Wind* ends beside the box: the attribute `REACH` is the width of the fade, and the power and radius of a falloff."""
+    """Say how *Sample Wind* ends.
+
+    The attribute `LEFT` is what is left in the box; `REACH` is the width of the fade beside it, and the power and radius of a falloff.
+    """
     row = (reach.width if reach.kind == FADE else FOR_EVER, reach.power if reach.kind == CONTINUE else 0.0, reach.radius)
     values = np.tile(np.asarray(row, dtype=np.float32), len(samples.data.vertices))
     samples.data.attributes[REACH].data.foreach_set("vector", values)
+    if DISTANCE in samples.data.attributes:
+        left = left_near(reach, _read(samples.data, DISTANCE))
+        samples.data.attributes[LEFT].data.foreach_set("value", left.astype(np.float32))
     samples.data.update_tag()
 
 
@@ -80,12 +92,18 @@ def read_samples(samples: bpy.types.Object) -> SampledField:
     mesh.vertices.foreach_get("co", flat["co"])
     for name in flat.keys() - {"co"}:
         mesh.attributes[name].data.foreach_get("vector", flat[name])
-    sure = np.empty(total, dtype=np.float32)
-    mesh.attributes[SURE].data.foreach_get("value", sure)
     size = int(np.prod([round(count) for count in mesh.attributes[COUNT].data[0].vector]))
     places = flat["co"].reshape(-1, 3)[:size].astype(np.float64)
     vectors = {name: flat[name].reshape(-1, size, 3).astype(np.float64) for name in flat if name != "co"}
-    return SampledField(places, vectors[FORCE], sure.reshape(-1, size), vectors.get(VELOCITY))
+    sure, distance = (_read(mesh, name).reshape(-1, size) if name in mesh.attributes else None for name in (SURE, DISTANCE))
+    return SampledField(places, vectors[FORCE], sure, vectors.get(VELOCITY), distance)
+
+
+def _read(mesh: bpy.types.Mesh, name: str) -> np.ndarray:
+    """The numbers (T L,) of an attribute."""
+    values = np.empty(len(mesh.vertices), dtype=np.float32)
+    mesh.attributes[name].data.foreach_get("value", values)
+    return values
 
 
 def samples_of(field: bpy.types.Object) -> bpy.types.Object | None:

@@ -13,6 +13,7 @@ from ..scene_units import metres_per_unit
 from .display import share
 from .field_object import SOLVER_DELAY
 from .samples import read_samples, samples_of
+from .texture.reach import reach_of
 
 UNITS = {"force": "N/m3", "velocity": "m/s", "confidence": "1"}
 """The grids, and what their metadata call their unit. Blender blurs volumes by a grid of the name `velocity`."""
@@ -33,8 +34,8 @@ def write_vdb(scene: bpy.types.Scene, field: bpy.types.Object, folder: Path) -> 
     """Write `wind_0002.vdb` and so on, one per scene frame in which solvers feel the field, as the field object now stands and blows.
 
     A volume object that shows frame N in scene frame N is then in step with them. The values are the engine's own at its lattice.
-    Cells are in scene units, values in N/m³ and, where the field has a wind, m/s, with the field object's strength applied; each grid says
-    its unit.
+    Cells are in scene units, values in N/m³ and, where the field has a wind, m/s, with the field object's strength and reach applied;
+    each grid says its unit.
 
     Raises:
         UsageError: when this Blender has no OpenVDB, or the field's values are gone.
@@ -50,7 +51,9 @@ def write_vdb(scene: bpy.types.Scene, field: bpy.types.Object, folder: Path) -> 
         raise UsageError(f"The values under {field.name} are gone.", "Load the results again (Reload in the Recover panel).")
     sampled = read_samples(samples)
     points, counts, force = sampled.points, sampled.counts, sampled.force
-    known = {"force": force, "velocity": sampled.velocity, "confidence": sampled.confidence}
+    left = sampled.left(reach_of(field["seeing_wind_reach"], sampled.box))[..., None]
+    wind = None if sampled.velocity is None else sampled.velocity * left
+    known = {"force": force * left, "velocity": wind, "confidence": sampled.confidence}
     turn = np.array(field.matrix_world)
     strength = share(field) * metres_per_unit(scene)
     spacing = (points[-1] - points[0]) / (np.array(counts) - 1)

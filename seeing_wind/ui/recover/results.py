@@ -149,9 +149,9 @@ def _sampled(take: Take, where: Places, frames: int, wind: bool) -> tuple[Sample
         TakeError: when the answer is not that of this field, or not finite; with `wind`, when it has none.
     """
     samples, shape = take.read_arrays(own_caches()[1]), (frames, where.rows().shape[1])
-    if [np.shape(samples.get(name)) for name in ("force_density", "confidence")] != [(*shape, 3), shape]:
+    if [np.shape(samples.get(name)) for name in ("force_density", "confidence", "distance")] != [(*shape, 3), shape, shape]:
         raise TakeError(f"The samples in {take.path} do not fit its field.", "Load the results again.")
-    if not all(np.isfinite(samples[name]).all() for name in ("force_density", "confidence")):
+    if not all(np.isfinite(samples[name]).all() for name in ("force_density", "confidence", "distance")):
         raise TakeError(f"The field in {take.path} is not finite everywhere.", "Run Recover again.")
     at_nodes, *at_arrows = where.split(samples["force_density"])
     sure_nodes, *sure_arrows = where.split(samples["confidence"])
@@ -161,7 +161,9 @@ def _sampled(take: Take, where: Places, frames: int, wind: bool) -> tuple[Sample
             raise TakeError(f"The samples in {take.path} hold no wind.", "Load the results again.")
         wind_at_nodes, *at_arrows = where.split(samples["wind_velocity"])
         _, *sure_arrows = where.split(samples["wind_confidence"])
-    nodes = SampledField(where.nodes, at_nodes, sure_nodes, wind_at_nodes)
+    # of a wind that several takes share, from the nearest of their objects
+    away, *_ = where.split(samples["wind_distance" if wind else "distance"])
+    nodes = SampledField(where.nodes, at_nodes, sure_nodes, wind_at_nodes, away)
     return nodes, np.concatenate(at_arrows, axis=1), np.concatenate(sure_arrows, axis=1)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.errors import UsageError
-from seeing_wind.engine.field import ForceField, distill, distillation, sample_points
+from seeing_wind.engine.field import ForceField, distances, distill, distillation, sample_points
 from seeing_wind.engine.look.report.accuracy import field_errors, uniform_errors
 from seeing_wind.engine.progress import Cancelled, Progress
 
@@ -80,6 +80,24 @@ def test_confidence_follows_coverage_and_noise(tumbling):
     assert ((0 <= confidence) & (confidence <= 1)).all()
     assert np.median(confidence[~side]) > 0.9 and np.median(confidence[side]) < 0.2
     assert (field.sample(recovery.x[5] + [0, 0.3, 0], 5)[1] < 0.1).all()
+
+
+def test_how_far_a_place_is_from_the_object_in_each_frame(tumbling):
+    """Against all distances to its particles, a spacing of which count as the object itself; and the gradient by differences."""
+    recovery, particles = tumbling
+    field = distill(recovery, particles, FPS, "point")
+    on = distances(field, recovery.x[:-1])
+    assert not on.any() and not field.away(recovery.x[7], 7)[1].any()
+    points, h = np.random.default_rng(1).uniform(field.box[0] - 0.2, field.box[1] + 0.2, (200, 3)), 1e-6
+    for frame in (0, 20):
+        found, gradient = field.away(points, frame)
+        nearest = np.linalg.norm(points[:, None] - recovery.x[frame], axis=-1).min(axis=1)
+        assert found == pytest.approx(np.maximum(nearest - particles.spacing, 0.0), abs=1e-6) and (found > 0.05).sum() > 100
+        ends = [np.stack([field.away(points + sign * step, frame)[0] for step in h * np.eye(3)], axis=1) for sign in (1.0, -1.0)]
+        assert gradient == pytest.approx((ends[0] - ends[1]) / (2.0 * h), abs=1e-3)
+    assert np.array_equal(distances(field, points, 20), found)
+    with pytest.raises(UsageError, match="no frame"):
+        field.away(points, FRAMES)
 
 
 @pytest.mark.slow

@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from seeing_wind.engine.errors import UsageError
-from seeing_wind.engine.field import export_field, sample_file, sample_points
+from seeing_wind.engine.field import distances, export_field, read_points, sample_points
 from seeing_wind.engine.field.confidence import ConfidenceMap
 from seeing_wind.engine.field.sampling import lattice
 
@@ -18,16 +18,18 @@ def test_points_of_one_frame_and_of_every_frame(known_wind, tmp_path):
     points = np.random.default_rng(0).uniform(BOX[0], BOX[1], (FRAMES, 20, 3))
     np.save(tmp_path / "all.npy", points)
     np.save(tmp_path / "one.npy", points[4])
-    force, confidence = sample_file(known_wind, tmp_path / "all.npy")
+    force, confidence = sample_points(known_wind, read_points(tmp_path / "all.npy"))
     assert force.shape == (FRAMES, 20, 3) and confidence.shape == (FRAMES, 20)
-    assert np.array_equal(sample_file(known_wind, tmp_path / "one.npy", 4)[0], force[4])
+    assert np.array_equal(sample_points(known_wind, read_points(tmp_path / "one.npy"), 4)[0], force[4])
     assert not np.array_equal(force[4], force[5])
+    assert not distances(known_wind, points).any() and distances(known_wind, points).shape == (FRAMES, 20), "it is known everywhere"
 
 
 @pytest.mark.parametrize("shape, frame", [((3, 20, 3), None), ((20, 3), None), ((FRAMES, 20, 3), 0), ((20, 2), 0)])
 def test_shapes_that_do_not_fit(known_wind, shape, frame):
-    with pytest.raises(UsageError):
-        sample_points(known_wind, np.zeros(shape), frame)
+    for ask in (sample_points, distances):
+        with pytest.raises(UsageError):
+            ask(known_wind, np.zeros(shape), frame)
 
 
 def test_files_that_hold_no_points(known_wind, tmp_path):
@@ -38,7 +40,7 @@ def test_files_that_hold_no_points(known_wind, tmp_path):
     (tmp_path / "zip.npy").write_bytes(b"PK\x03\x04garbage")
     for name in ("zip.npy", "points.npz", "words.npy", "objects.npy", "text.npy", "missing.npy"):
         with pytest.raises(UsageError):
-            sample_file(known_wind, tmp_path / name, 0)
+            sample_points(known_wind, read_points(tmp_path / name), 0)
 
 
 def test_the_lattice_spans_the_box_with_x_fastest():

@@ -10,6 +10,7 @@ from mathutils import Euler
 from seeing_wind.ui import freshness
 from tests.ui.edit.edits import state, written
 from tests.ui.fake_engine import DENSITY, FRAMES, swirl
+from tests.ui.fake_engine import away as from_object
 from tests.ui.meshes import cube
 
 BOX = np.array([[-0.5, -0.3, -0.5], [0.7, 0.3, 0.6]])
@@ -33,8 +34,9 @@ def simulated(workplace, places: np.ndarray) -> np.ndarray:
     away = np.linalg.norm(local - nearest, axis=1)
     left = np.ones(len(places))
     if "fade" in edit:
-        t = np.clip(away / edit["fade"], 0.0, 1.0)
-        left = 1.0 - t * t * (3.0 - 2.0 * t)
+        for distance in (away, from_object(np.broadcast_to(nearest, (FRAMES, *nearest.shape)))[INTERVAL]):
+            t = np.clip(distance / edit["fade"], 0.0, 1.0)
+            left = left * (1.0 - t * t * (3.0 - 2.0 * t))
     elif "falloff" in edit:
         near, power = edit["falloff"]
         left = (near / (near + away)) ** power

@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 from seeing_wind.ui.edit.resimulate.lone_wind import lone_wind
+from seeing_wind.ui.field.field_object import make_again
+from seeing_wind.ui.field.samples import samples_of
 from tests.ui.edit.edits import state
 from tests.ui.jobs import notes_of
 from tests.ui.meshes import cube, shown
@@ -69,6 +71,24 @@ def test_an_appended_wind_can_be_simulated_in(field, checks, tmp_path):
     bpy.ops.wm.save_mainfile()
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "shot.blend"))
     assert lone_wind(bpy.context.scene).name == "Wind" and bpy.ops.seeing_wind.resimulate() == {"FINISHED"}
+
+
+def test_a_wind_that_fades_is_simulated_as_it_fades(field):
+    """What its reach leaves, at the nodes of its lattice; with Hold all of it."""
+    scene, mesh = bpy.context.scene, samples_of(field).data
+    cube("Box", (0.3, 0.0, 0.6))
+    bpy.ops.seeing_wind.insert_mesh(object="Box")
+    for name in ("distance", "left"):
+        mesh.attributes.new(name, "FLOAT", "POINT")
+    values = np.random.default_rng(0).uniform(0.0, 1.2, len(mesh.vertices)).astype(np.float32)
+    mesh.attributes["distance"].data.foreach_set("value", values)
+    forces = {}
+    for reach in ("HOLD", "FADE"):
+        make_again(field, reach)
+        bpy.ops.seeing_wind.resimulate()
+        forces[reach] = opened(Path(scene.seeing_wind.recovered_take) / "field.safetensors")[1]["force"].reshape(-1, 3)
+    s = np.clip(values / 0.75, 0.0, 1.0)[:, None]  # its box is 1 m long
+    np.testing.assert_allclose(forces["FADE"], (1.0 - s**2 * (3.0 - 2.0 * s)) * forces["HOLD"], atol=1e-4 * np.abs(forces["HOLD"]).max())
 
 
 def test_it_goes_on_with_the_scene_and_loops(field):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import bpy
 import numpy as np
 import pytest
@@ -256,6 +258,45 @@ def test_particles_feel_a_curved_field_within_a_degree_and_two_percent(scene, ch
     angle, size = differences(found[None], waves(places, 1)[None] / 120.0)
     assert angle < 1.0 and size < 0.02
     assert wavy["seeing_wind_error"][0] == pytest.approx(angle, rel=0.5) and wavy["seeing_wind_error"][1] == pytest.approx(size, rel=0.5)
+
+
+def fading(scene, reach: str) -> bpy.types.Object:
+    """A field in a box of 1 x 1 x 0.5, that was recovered from something at one end of it in frame 0 and at the other in frame 1."""
+    nodes = fine_lattice(np.array([[0.0, 0.0, 0.0], [1.0, 1.0, 0.5]]))
+    values = np.stack([100.0 * curved(nodes, 0.5, 4.0)[0]] * 2)
+    away = np.stack([np.maximum(np.linalg.norm(nodes - [x, 0.5, 0.25], axis=1) - 0.1, 0.0) for x in (0.1, 0.9)])
+    return create_field_object(
+        scene, "Wind", SampledField(nodes, values, np.ones(values.shape[:2]), distance=away), fps=24.0, density=120.0, reach=reach
+    )  # fmt: skip
+
+
+def test_what_is_left_of_a_wind_that_fades_hangs_on_where_the_object_is(scene, solvers):
+    """Native particles and Sample Wind, by the definition; with Hold and Continue nothing is weakened in the box, whatever came before."""
+    points = np.random.default_rng(4).uniform([0.0, 0.0, 0.0], [1.0, 1.0, 0.5], (150, 3))
+    whole, field = 100.0 * curved(points, 0.5, 4.0)[0] / 120.0, fading(scene, FADE)
+    made = read_samples(samples_of(field)).force
+    for reach in (FADE, HOLD, FADE, CONTINUE):
+        make_again(field, reach)
+        for frame, x in ((0, 0.1), (1, 0.9)):
+            s = np.clip((np.linalg.norm(points - [x, 0.5, 0.25], axis=1) - 0.1) / 0.75, 0.0, 1.0)
+            left = 1.0 - s**2 * (3.0 - 2.0 * s) if reach == FADE else np.ones(len(points))
+            _, felt = solvers["checks"]["released_accelerations"](scene, field, points, 1 + frame)
+            _, read = solvers["sample_wind"](field, points, 2 + frame)
+            assert (left.max(), left.min()) == (1.0, 1.0) or (left.max() > 0.99 and left.min() < 0.01)
+            for found, density in ((felt, 1.0), (read, solvers["DENSITY"] / 120.0)):
+                error = np.linalg.norm(found * density - left[:, None] * whole, axis=1) / np.linalg.norm(whole, axis=1).mean()
+                assert error.mean() < 0.006 and error.max() < 0.03
+        assert np.array_equal(read_samples(samples_of(field)).force, made), "what it carries is whole"
+
+
+def test_a_lattice_is_thinned_only_as_far_as_the_fade_allows(scene):
+    """A uniform field needs three nodes a side; one that fades, more: it could be told to hold, and then to fade."""
+    for reach in (FADE, HOLD):
+        field = fading(scene, reach)
+        values = read_samples(samples_of(field))
+        flat = SampledField(values.points, np.ones_like(values.force), values.confidence)
+        assert len(flat.thinned().points) < len(values.points) / 20
+        assert len(dataclasses.replace(flat, distance=values.distance).thinned().points) > 8 * len(flat.thinned().points)
 
 
 def test_particles_far_from_the_filmed_body_are_left_alone(scene, checks, wavy):

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import re
-import runpy
-from pathlib import Path
 
 import bpy
 import numpy as np
@@ -15,12 +13,6 @@ from seeing_wind.engine.errors import UsageError
 from seeing_wind.ui.field.samples import sample_wind_group, samples_of
 from seeing_wind.ui.field.solvers.calibration import calibrate_object
 from seeing_wind.ui.field.solvers.matter import matter
-
-
-@pytest.fixture(scope="module")
-def solvers():
-    """The functions that measure."""
-    return runpy.run_path(str(Path(__file__).resolve().parents[2] / "blender" / "native_solvers_check.py"), run_name="solvers")
 
 
 @pytest.mark.parametrize(

@@ -89,6 +89,9 @@ class ForceFieldNeural(ForceField):
     def _confidence(self, points: np.ndarray, frame: int) -> np.ndarray:
         return self.confidence.at(points, frame)
 
+    def _away(self, points: np.ndarray, frame: int) -> tuple[np.ndarray, np.ndarray]:
+        return self.confidence.away(points, frame)
+
     def _normalised(self, points: np.ndarray) -> torch.Tensor:
         return torch.from_numpy((points - self.box[0]) / (self.box[1] - self.box[0]))
 

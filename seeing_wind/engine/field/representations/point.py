@@ -40,6 +40,9 @@ class ForceFieldPoint(ForceField):
     def _confidence(self, points: np.ndarray, frame: int) -> np.ndarray:
         return self.confidence.at(points, frame)
 
+    def _away(self, points: np.ndarray, frame: int) -> tuple[np.ndarray, np.ndarray]:
+        return self.confidence.away(points, frame)
+
     def _tensors(self) -> dict[str, np.ndarray]:
         return {"x": self.x, "force_density": self.force_density, **self.confidence.tensors()}
 

@@ -24,15 +24,18 @@ from .pins import read_way
 FLATTEST = 1e-6
 """Least scale of a field along any direction, relative to the largest."""
 
+FAINT = 0.5
+"""Share of the field, in the mean over a body, below which the user is told that it has faded."""
+
 
 @dataclass(frozen=True)
 class Reach:
-    """What becomes of a field beside its box: that of the box's nearest place goes on, as far as a share of it is left."""
+    """What becomes of a field away from the filmed object and beside its box, where that of the box's nearest place goes on."""
 
     fade: float | None = None
-    """Over so many metres it fades to nothing, smoothly."""
+    """Over so many metres from the object, in its place of that frame, it fades to nothing, smoothly; and once more from the box."""
     falloff: tuple[float, float] | None = None
-    """(a, p): at a distance d [m] (a / (a + d)) ** p of it is left."""
+    """(a, p): at a distance d [m] from the box (a / (a + d)) ** p of it is left, and all of it within."""
 
     @classmethod
     def of(cls, edit: Edit) -> Reach:
@@ -53,6 +56,14 @@ class Reach:
             t = np.clip(distance / self.fade, 0.0, 1.0)
             return 1.0 - t * t * (3.0 - 2.0 * t), -6.0 * t * (1.0 - t) / self.fade
         return np.ones_like(distance), np.zeros_like(distance)
+
+    def left_near(self, field: ForceField, points: np.ndarray, frame: int) -> tuple[np.ndarray, np.ndarray]:
+        """Share (P,) of a field that is left at points (P, 3) [m] of its box, by their distance from the object, and its gradient [1/m]."""
+        if self.fade is None:
+            return np.ones(len(points)), np.zeros(points.shape)
+        distance, outwards = field.away(points, frame)
+        share, slope = self.left(distance)
+        return share, slope[:, None] * outwards
 
 
 @dataclass(frozen=True)
@@ -100,11 +111,18 @@ class Surroundings:
         """The first of `felt`."""
         return self.felt(points, frame)[0]
 
-    def outside_note(self, x: np.ndarray) -> list[str]:
-        """A note if more than a tenth of a body was outside the field's box at some time. x (T+1, N, 3) [m]."""
+    def place_notes(self, x: np.ndarray) -> list[str]:
+        """Notes if at some time more than a tenth of a body was outside the field's box, or most of the field had faded where it was.
+
+        Args:
+            x: (T+1, N, 3) [m], the body's particles or vertices.
+        """
         if self.place is not None:
             back = np.linalg.inv(self.place[np.minimum(np.arange(len(x)), len(self.place) - 1)])
             x = np.einsum("tij,tnj->tni", back[:, :3, :3], x) + back[:, None, :3, 3]
+        return self._outside_note(x) + self._faded_note(x)
+
+    def _outside_note(self, x: np.ndarray) -> list[str]:
         outside = ((x < self.field.box[0]) | (x > self.field.box[1])).any(axis=2).mean(axis=1)
         if outside.max() <= 0.1:
             return []
@@ -113,13 +131,25 @@ class Surroundings:
         ends = f"the {kind} there is that of the box's edge" if self.reach == Reach() else f"the {kind} weakens there"
         return [f"{where}; {ends}"]
 
+    def _faded_note(self, x: np.ndarray) -> list[str]:
+        inside = np.clip(x[: self.field.frames], *self.field.box)
+        left = np.array([self.reach.left_near(self.field, points, t)[0].mean() for t, points in enumerate(inside)])
+        if left.min() >= FAINT:
+            return []
+        worst, kind = int(left.argmin()), self.field.kind
+        fades = f"so far from the clip's object the {kind} at it fades to {100 * left[worst]:.0f} %, in {frame_named(worst)}"
+        return [f"{fades}; without `fade` (in the panel Field: Reach, Hold) it is whole"]
+
 
 def extrapolate(field: ForceField, points: np.ndarray, frame: int, reach: Reach = Reach()) -> tuple[np.ndarray, np.ndarray]:
-    """Force density (M, 3) [N/m³] and its gradient (M, 3, 3) [N/m⁴] at points (M, 3) [m]; beyond the box what is left of those of its
-    nearest place."""
+    """Force density (M, 3) [N/m³] and its gradient (M, 3, 3) [N/m⁴] at points (M, 3) [m]: what is left of those at the box's nearest
+    places."""
     nearest = np.clip(points, field.box[0], field.box[1])
-    force, _ = field.sample(nearest, frame)
-    gradient = field.gradient(nearest, frame) * (nearest == points)[:, None, :]
+    near, change = reach.left_near(field, nearest, frame)
+    whole, _ = field.sample(nearest, frame)
+    force = near[:, None] * whole
+    gradient = near[:, None, None] * field.gradient(nearest, frame) + whole[:, :, None] * change[:, None, :]
+    gradient = gradient * (nearest == points)[:, None, :]
     away = points - nearest
     distance = np.linalg.norm(away, axis=1)
     left, slope = reach.left(distance)

@@ -119,7 +119,7 @@ def simulate_bodies(
             torn = _torn_note(body.vertices, body.triangles, edit.preroll)
             beyond = forces.outside_note(x[edit.preroll :]) if forces is not None else []
             # the worst first
-            remarks = [*torn, *around.outside_note(x[edit.preroll :]), *beyond, *body.notes]
+            remarks = [*torn, *around.place_notes(x[edit.preroll :]), *beyond, *body.notes]
             for note in remarks:
                 progress.warn(f"{actor.edit.name}: {note}")
             done[actor.edit.name] = dataclasses.replace(body, vertices=body.vertices[edit.preroll :], notes=remarks)

@@ -13,6 +13,7 @@ from ....engine.errors import UsageError
 from ....engine.take import Take, stamp_of
 from ...field.display import KIND, LOOP, field_at_hand, frames_per_second, is_field, stride_of
 from ...field.samples import read_samples, samples_of
+from ...field.texture.reach import reach_of
 from ...job import takes
 from ...scene_units import metres_per_unit
 
@@ -65,9 +66,10 @@ def adopt(scene: bpy.types.Scene, field: bpy.types.Object) -> None:
     t = np.arange(count)
     rows = t % frames if field[LOOP] else np.minimum(t, frames - 1)
     box = sampled.box * metres
-    fields = {"field.safetensors": ("force", sampled.force)}
+    left = sampled.left(reach_of(field["seeing_wind_reach"], sampled.box))[..., None]
+    fields = {"field.safetensors": ("force", sampled.force * left)}
     if sampled.velocity is not None and field[KIND] == "WIND":
-        fields["wind.safetensors"] = ("wind", sampled.velocity)
+        fields["wind.safetensors"] = ("wind", sampled.velocity * left)
     parts = [_field_file(kind, (values * metres).reshape(frames, *counts, 3), rows, box, fps) for kind, values in fields.values()]
     take = Take(takes.home_of(scene, field.name))
     stamp = stamp_of(*parts)

@@ -1,4 +1,7 @@
-"""What becomes of a field beside the box in which it is known: the same in the texture that solvers feel and in *Sample Wind*."""
+"""What becomes of a field away from the filmed object, and beside the box in which it is known.
+
+The same in the texture that solvers feel, in *Sample Wind*, in VDB files and in a re-simulation (the engine's `Reach`).
+"""
 
 from __future__ import annotations
 
@@ -7,10 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 
 FADE, HOLD, CONTINUE = "FADE", "HOLD", "CONTINUE"
-"""It fades to nothing, holds the value of the box's nearest place, or weakens with the distance and never ends."""
+"""It fades to nothing, from the object and once more from the box; it is whole in the box and holds the value of the nearest place of it
+beside it, or weakens there with the distance and never ends."""
 
 FADE_WIDTH = 0.75
-"""Of the box's longest side: over this distance beside it the field fades."""
+"""Of the box's longest side: over this distance the field fades."""
 
 POWERS = (0.05, 10.0)
 """Of the falloff of a field that continues; Blender's slider ends at 10."""
@@ -44,6 +48,11 @@ def left_of(reach: Reach, distance: np.ndarray) -> np.ndarray:
         return (near / (near + distance)) ** reach.power
     t = np.clip(distance / reach.width, 0.0, 1.0)
     return 1.0 - t * t * (3.0 - 2.0 * t)
+
+
+def left_near(reach: Reach, distance: np.ndarray) -> np.ndarray:
+    """Share of the field that is left in its box, at distances from where the filmed object is in that frame."""
+    return left_of(reach, distance) if reach.kind == FADE else np.ones_like(distance)
 
 
 def beside(box: np.ndarray, places: np.ndarray) -> np.ndarray:

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.errors import UsageError
+from seeing_wind.engine.field.confidence import ConfidenceMap
 from seeing_wind.engine.recovery.resimulate.in_field import Reach, Surroundings, extrapolate, rotation_of
 from seeing_wind.engine.settings import BodyEdit
 from tests.engine.recovery.resimulate.edits import FPS, FRAMES, SOFT, WEIGHTLESS, run, uniform, waves
 
-pytest.importorskip("trimesh")
+trimesh = pytest.importorskip("trimesh")
 
 QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 """About Z: +X goes to +Y."""
@@ -84,6 +85,51 @@ def test_a_body_beside_a_field_that_fades_is_left_alone(folder):
     for field in (uniform((600.0, 0.0, 0.0)), windy()):
         body = run(folder, BodyEdit("box", "box.obj", **SOFT), field=field, field_place="place.npy", fade=0.5)["box"]
         assert np.abs(body.vertices - body.vertices[0]).max() < 1e-9 and any("weakens there" in note for note in body.notes)
+
+
+def seen(field, step=0.0):
+    """A field that was recovered from a cube of particles about the origin, which moves along X by so much a frame [m]."""
+    side = np.linspace(-0.15, 0.15, 7)
+    cube = np.stack(np.meshgrid(side, side, side), axis=-1).reshape(-1, 3)
+    at = cube + np.arange(FRAMES)[:, None, None] * np.array([step, 0.0, 0.0])
+    field.away = ConfidenceMap(at, np.ones(at.shape[:2]), 0.1).away
+    return field
+
+
+def test_a_field_that_fades_does_so_away_from_the_clips_object_wherever_that_is():
+    """By the definition of docs/reference/edit.md, and its gradient by differences; without a fade nothing is weakened in the box."""
+    rng, h = np.random.default_rng(1), 1e-6
+    field, points = seen(waves(), 0.05), np.concatenate([rng.uniform(-each, each, (40, 3)) for each in (0.4, 1.2)])
+    for frame in (0, 6):
+        nearest = np.clip(points, *field.box)
+        whole, _ = extrapolate(field, points, frame)
+        force, gradient = extrapolate(field, points, frame, Reach(fade=0.8))
+        left = 1.0
+        for distance in (field.away(nearest, frame)[0], np.linalg.norm(points - nearest, axis=1)):
+            s = np.clip(distance / 0.8, 0.0, 1.0)
+            left = left * (1.0 - s**2 * (3.0 - 2.0 * s))
+        np.testing.assert_allclose(force, left[:, None] * whole, atol=1e-9)
+        assert (left < 0.01).any() and (left > 0.9).any()
+        ends = [np.stack([extrapolate(field, points + sign * h * axis, frame, Reach(fade=0.8))[0] for axis in np.eye(3)], axis=-1)
+                for sign in (1.0, -1.0)]  # fmt: skip
+        np.testing.assert_allclose(gradient, (ends[0] - ends[1]) / (2.0 * h), atol=1e-4 * np.abs(gradient).max())
+        inside = (nearest == points).all(axis=1)
+        np.testing.assert_array_equal(extrapolate(field, points, frame, Reach(falloff=(1.5, 2.0)))[0][inside], whole[inside])
+
+
+def test_bodies_feel_the_less_the_farther_they_are_from_the_clips_object(folder):
+    """One in its place as if nothing faded, one right beside it nearly so, one in a corner of the box nothing; the user is told."""
+    boxes = {"in its place": 0.0, "beside it": 0.3, "far": 0.8}
+    for name, y in boxes.items():
+        trimesh.creation.box((0.1,) * 3).apply_translation((0.0, y, -y)).export(folder / f"{name}.obj")
+    bodies = [BodyEdit(name, f"{name}.obj", **SOFT) for name in boxes]
+    whole, faded = (run(folder, *bodies, field=seen(uniform()), **edit) for edit in ({}, {"fade": 0.8}))
+    moved = {name: np.linalg.norm(faded[name].vertices[-1] - faded[name].vertices[0], axis=1).mean() for name in boxes}
+    as_far = np.linalg.norm(whole["far"].vertices[-1] - whole["far"].vertices[0], axis=1).mean()
+    np.testing.assert_allclose(faded["in its place"].vertices, whole["in its place"].vertices, atol=1e-12)
+    assert 0.7 * as_far < moved["beside it"] < 0.98 * as_far and moved["far"] < 1e-9
+    assert [any("fades to 0 %" in note for note in faded[name].notes) for name in boxes] == [False, False, True]
+    assert not any("fades" in note for body in whole.values() for note in body.notes)
 
 
 def windy():
