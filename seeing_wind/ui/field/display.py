@@ -176,7 +176,9 @@ def is_field(obj: Any) -> bool:
 
 def field_at_hand(context: Any) -> Any:
     """The field that a selection means, else the scene's own; None when there is none."""
-    candidates = (context.active_object, *context.selected_objects, context.scene.seeing_wind.field_object)
+    # a script that a Blender with a window starts with has no window yet, and its context no selection
+    selected = (getattr(context, "active_object", None), *getattr(context, "selected_objects", ()))
+    candidates = (*selected, context.scene.seeing_wind.field_object)
     return next((obj for obj in candidates if is_field(obj)), None)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import runpy
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
 
 import bpy
 import numpy as np
@@ -90,6 +91,8 @@ def test_of_several_fields_the_selected_or_named_one_is_meant(library) -> None:
     light = weight(obj)
     second.select_set(True)
     assert field_at_hand(bpy.context) == second
+    no_window = SimpleNamespace(scene=bpy.context.scene)
+    assert field_at_hand(no_window) == bpy.context.scene.seeing_wind.field_object, "as at the start of a script"
     bpy.ops.seeing_wind.calibrate()
     assert weight(obj) / light == pytest.approx(10.0, rel=1e-5)
     with pytest.raises(RuntimeError, match="no recovered force field"):
