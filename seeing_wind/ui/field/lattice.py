@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import product
 
 import numpy as np
 
@@ -22,7 +21,7 @@ CLEAR = 0.05
 """Forces under this share of their frame's root mean square have no direction worth comparing."""
 
 ENOUGH = (0.25, 0.005)
-"""Mean angle [degrees] and relative error of the size up to which a coarser lattice says the same."""
+"""Mean angle [degrees] and relative error of the size up to which a coarser lattice says the same; the latter for what a fade leaves."""
 
 
 def lattice(box: np.ndarray, resolution: int = 6) -> np.ndarray:
@@ -156,12 +155,13 @@ class SampledField:
         if any(count % 2 == 0 or count < 5 for count in counts):
             return self
         keep = np.arange(len(self.points)).reshape(counts)[::2, ::2, ::2].ravel()
-        coarse, ways = self.some(keep), [None] if self.distance is None else [None, reach_of(FADE, self.box)]
-        for kind, reach in product((FORCE, WIND) if self.velocity is not None else (FORCE,), ways):
-            angle, size = differences(coarse.felt_as(kind, reach).at(self.points), self.felt_as(kind, reach).force)
+        coarse, fade = self.some(keep), reach_of(FADE, self.box)
+        for kind in (FORCE, WIND) if self.velocity is not None else (FORCE,):
+            angle, size = differences(coarse.felt_as(kind).at(self.points), self.felt_as(kind).force)
             if angle >= ENOUGH[0] or size >= ENOUGH[1]:
                 return self
-        return coarse.thinned()
+        left = SampledField(coarse.points, np.repeat(coarse.left(fade)[..., None], 3, axis=-1), coarse.confidence).at(self.points)[..., 0]
+        return coarse.thinned() if np.abs(left - self.left(fade)).mean() < ENOUGH[1] else self
 
     def error_between_nodes(self) -> tuple[float, float]:
         """How far linear interpolation is off the field: mean angle [degrees] and mean relative error of the size, estimated.
