@@ -13,7 +13,7 @@ from typing import Any, NoReturn
 
 from ..errors import UsageError
 from ..settings import BuildSettings, ObserveSettings, Option, RecoverSettings, ReportSettings, WindSettings, options_of
-from ..settings.build import MADE
+from ..settings.build import MADE, may_be_sheet
 from ..settings.observe import NETWORKS, SEEN, VIEW
 from ..settings.recover import SOLVE
 
@@ -195,8 +195,6 @@ def observe_settings(arguments: argparse.Namespace) -> ObserveSettings:
     Raises:
         MaterialError: an unknown material, or numbers that are not physical.
     """
-    from ..observe.object.body import may_be_sheet
-
     sheet = may_be_sheet(settings_of(BuildSettings, arguments))
     unknown = getattr(arguments, "material_endpoint", None) is not None
     return settings_of(ObserveSettings, arguments, recognise=sheet or unknown)

@@ -6,6 +6,7 @@ import argparse
 import contextlib
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -39,13 +40,17 @@ def observe(arguments: argparse.Namespace, progress: Progress) -> dict[str, Any]
     require_clip(arguments.clip)
     settings = observe_settings(arguments)
     started = time.perf_counter()
-    with held(Take(arguments.take), arguments.verb, progress) as take, ThreadPoolExecutor(1) as beside:
+    with held(Take(arguments.take), arguments.verb, progress) as take, ThreadPoolExecutor(1) as beside, ThreadPoolExecutor(1) as reading:
+        # What builds bodies takes most of a second to import, as long as the clip takes to read.
+        beside.submit(import_module, "..observe.object.body", __package__)
         seen, _ = observe_stage(take, arguments.clip, settings, progress)
-        frames = beside.submit(_film_frames, seen, progress)
+        duration = beside.submit(_time, seen, arguments)
+        frames = reading.submit(_film_frames, seen, progress)
         proposed = None if seen.pin.any() else propose_held(seen)
-        verdicts = judge(seen, settings, proposed, _time(seen, arguments))
         progress.begin("preview", "drawing")
-        _draw(take, seen, proposed, verdicts, frames, progress)
+        _draw_film(take, seen, proposed, frames, progress)
+        verdicts = judge(seen, settings, proposed, duration.result())
+        _draw_first(take, seen, proposed, verdicts)
         for one in verdicts:
             if one.severity > 0.0:
                 progress.warn(f"{one.item}: doubtful because {one.because[0].lower()}{one.because[1:]} {one.do}".strip())
@@ -87,16 +92,11 @@ def _film_frames(seen: Observation, progress: Progress) -> Frames:
     return read_clip(seen.clip, (seen.first_frame, last), seen.fps, progress, resized=lambda *_: (height, width)).frames
 
 
-def _draw(
-    take: Take, seen: Observation, proposed: np.ndarray | None, verdicts: list[Any], reading: Future[Frames], progress: Progress
-) -> None:
-    """The image of frame 0 with the verdicts, the film, and the proposed place as a mask."""
+def _draw_first(take: Take, seen: Observation, proposed: np.ndarray | None, verdicts: list[Verdict]) -> None:
+    """The image of frame 0 with the verdicts, and the proposed place as a mask."""
     import cv2
 
-    from ..observe.clip.camera import resized
     from ..observe.clip.images import write_png
-    from ..observe.clip.lens import Lens
-    from ..observe.clip.video import video_writer
     from ..observe.preview.drawing import Canvas, with_verdicts
 
     with take.writing(IMAGE) as path:
@@ -105,6 +105,17 @@ def _draw(
     if proposed is not None:
         with take.writing(HELD) as path:
             write_png(path, proposed.astype(np.uint8) * 255)
+
+
+def _draw_film(take: Take, seen: Observation, proposed: np.ndarray | None, reading: Future[Frames], progress: Progress) -> None:
+    """The film of what is followed, with the proposed place."""
+    import cv2
+
+    from ..observe.clip.camera import resized
+    from ..observe.clip.lens import Lens
+    from ..observe.clip.video import video_writer
+    from ..observe.preview.drawing import Canvas
+
     frames = reading.result()
     _, height, width, _ = frames.shape
     film, lens = Canvas(seen, proposed, (height, width)), Lens(resized(seen.camera, height, width))

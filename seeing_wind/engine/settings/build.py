@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
-from ..materials import DEFAULT, LAWS
+from ..materials import DEFAULT, LAWS, PLASTIC_LAWS, SHEETS, Material, adjust, find
 from .option import option
 from .recover import seed_option
 
@@ -98,3 +98,31 @@ class BuildSettings:
         otherwise=f"{PARTICLES}, {FLOWING_PARTICLES} where the material flows, {SHEET_VERTICES} of a thin sheet",
     )  # fmt: skip
     seed: int = seed_option()
+
+
+def material_of(settings: BuildSettings) -> Material:
+    """What the body is made of.
+
+    Raises:
+        MaterialError: an unknown material or numbers that are not physical.
+    """
+    material = adjust(
+        find(settings.material),
+        law=settings.law,
+        density=settings.density,
+        youngs_modulus=settings.youngs_modulus,
+        poisson_ratio=settings.poisson_ratio,
+        yield_stress=settings.yield_stress,
+        viscosity=settings.viscosity,
+    )
+    if settings.estimated_material is None:
+        return material
+    return replace(material, name=settings.estimated_material, source=f"estimated for {settings.estimated_by}")
+
+
+def may_be_sheet(settings: BuildSettings) -> bool:
+    """Whether a thin sheet is made of an object that is large enough, or asked for. Raises MaterialError as `material_of`."""
+    if settings.form != "auto":
+        return settings.form == "sheet"
+    known = SHEETS.get(find(settings.material).name)
+    return known is not None and known.woven and material_of(settings).law not in PLASTIC_LAWS

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import tempfile
 import threading
 import weakref
@@ -25,7 +26,9 @@ class StoredFrames:
 
     def __init__(self, height: int, width: int) -> None:
         self._frame = (height, width, 3)
-        self._count = 0
+        self._count, self._step = 0, 1
+        # Keeps the file of those that these are some of.
+        self._whole: StoredFrames | None = None
         self._file = tempfile.TemporaryFile(prefix="seeing_wind_", buffering=0)
         self._lock = threading.Lock()
         weakref.finalize(self, self._file.close)
@@ -33,7 +36,13 @@ class StoredFrames:
     @property
     def shape(self) -> tuple[int, int, int, int]:
         """(T+1, H, W, 3)."""
-        return (self._count, *self._frame)
+        return (len(self), *self._frame)
+
+    def every(self, step: int) -> StoredFrames:
+        """Frame 0 and every `step`-th of those behind it, read from the same file, which lives as long as this does."""
+        some = copy.copy(self)
+        some._step, some._whole = self._step * step, self
+        return some
 
     def append(self, frame: np.ndarray) -> None:
         """Add a `frame` (H, W, 3) uint8 RGB at the end.
@@ -54,10 +63,10 @@ class StoredFrames:
         self._count += 1
 
     def __len__(self) -> int:
-        return self._count
+        return -(-self._count // self._step)
 
     def __iter__(self) -> Iterator[np.ndarray]:
-        return (self[t] for t in range(self._count))
+        return (self[t] for t in range(len(self)))
 
     @overload
     def __getitem__(self, index: int) -> np.ndarray: ...
@@ -69,13 +78,13 @@ class StoredFrames:
         if step != 1:
             raise IndexError("rows are read without gaps")
         t = int(t)
-        if not -self._count <= t < self._count:
-            raise IndexError(f"frame {t} of {self._count}")
+        if not -len(self) <= t < len(self):
+            raise IndexError(f"frame {t} of {len(self)}")
         height, width, _ = self._frame
         part = np.empty((max(0, last - first), width, 3), np.uint8)
         rest = part.reshape(-1).data
         with self._lock:
-            self._file.seek(((t % self._count) * height + first) * width * 3)
+            self._file.seek((t % len(self) * self._step * height + first) * width * 3)
             while len(rest):
                 read = self._file.readinto(rest)
                 if not read:
@@ -85,12 +94,17 @@ class StoredFrames:
 
     def __array__(self, dtype: np.dtype | None = None, copy: bool | None = None) -> np.ndarray:
         """All frames in memory, for short clips."""
-        whole = np.stack(list(self)) if self._count else np.empty(self.shape, np.uint8)
+        whole = np.stack(list(self)) if len(self) else np.empty(self.shape, np.uint8)
         return whole if dtype is None else whole.astype(dtype)
 
 
 Frames = np.ndarray | StoredFrames
 """The frames of a clip, (T+1, H, W, 3) uint8 RGB, in memory or on disk."""
+
+
+def every(frames: Frames, step: int) -> Frames:
+    """Frame 0 and every `step`-th of those behind it."""
+    return frames[::step] if isinstance(frames, np.ndarray) else frames.every(step)
 
 
 def each(frames: Frames, function: Callable[[int, np.ndarray], np.ndarray], progress: Progress) -> StoredFrames:

@@ -8,8 +8,8 @@ import numpy as np
 from ...masks import Masks, areas
 from ...progress import Journal, Progress
 from ...settings import ObserveSettings
-from ..clip.stored import Frames
-from .background import Plate, plate_behind, seen_first
+from ..clip.stored import Frames, every
+from .background import LONGEST_MEDIAN, Plate, plate_behind, seen_first
 from .evidence import Contrast
 from .follow import MaskFollower
 from .from_box import refined
@@ -39,7 +39,7 @@ def with_background(
     """The outline of frame 0, the background, how the object differs from it, each found again by the others, and what other thing
     moves along with it, see `others.beyond_box`.
 
-    The object, followed roughly, shows what is behind it.
+    The object, followed roughly, shows what is behind it. Of a long clip every other frame is enough for that: a median takes fewer.
 
     Args:
         frames: (T+1, H, W, 3) uint8 RGB; mask: (H, W) bool, the object in frame 0; plate: the background; moving: see `moving_from`.
@@ -54,12 +54,13 @@ def with_background(
         mask = boxed_in(frames[0], refined(frames[0], mask & ~other, plate, around, motion, other), around, plate)
     contrast = None
     if not settings.mask_model:
-        masks = _roughly(frames, mask, other, plate, progress, journal)
+        few = every(frames, 2 if len(frames) >= 2 * LONGEST_MEDIAN else 1)
+        masks = _roughly(few, mask, other, plate, progress, journal)
         if areas(masks)[1:].any():
-            plate = plate_behind(frames, masks, plate, median, progress)
+            plate = plate_behind(few, masks, plate, median, progress)
             seen = np.flatnonzero(areas(masks))
             some = seen[np.unique(np.linspace(0, len(seen) - 1, min(LEARNT, len(seen))).astype(int))]
-            contrast = Contrast(plate, ((frames[int(t)], masks[int(t)]) for t in some))
+            contrast = Contrast(plate, ((few[int(t)], masks[int(t)]) for t in some))
     if motion is not None:
         other = beyond_box(frames[0], mask, around, plate, moving)
         found = refined(frames[0], mask, plate, around, motion, other, contrast)

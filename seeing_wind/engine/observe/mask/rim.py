@@ -162,7 +162,7 @@ def unshaded(frame: np.ndarray, mask: np.ndarray, plate: Plate) -> np.ndarray:
     own = core(smooth, shape)
     labels, stats = _parts(shape & ~own)
     area = stats[:, cv2.CC_STAT_AREA]
-    dark = cv2.subtract(behind, smooth).min(axis=2) > 0.5 * plate.noise
+    dark = largest(cv2.bitwise_not(cv2.subtract(behind, smooth))) < 255.0 - 0.5 * plate.noise
     doubtful = (np.bincount(labels[dark], minlength=len(stats)) >= DARKER * area) & (area >= SMALLEST)
     doubtful[0] = False
     if not doubtful.any():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TYPE_CHECKING, Protocol
@@ -15,6 +16,9 @@ from .motion import Flow
 
 if TYPE_CHECKING:
     from ..tracks.reseed import Generations
+
+FINISHING, AHEAD = 2, 4
+"""Masks that are finished at once, and frames that the follower may be ahead of the points, which take them in order."""
 
 
 class Follower(Protocol):
@@ -48,7 +52,7 @@ def followed(
 
     Args:
         frame: (H, W, 3) uint8 RGB by its number from 0 to T; follower: at frame 0.
-        points: advanced behind the follower, so that a large clip is read once; on another core, while it looks at the next frame.
+        points: advanced behind the follower, so that a large clip is read once; on another core, while it looks at the frames to come.
     """
     packing = Packing()
     packing.add(follower.mask)
@@ -60,28 +64,30 @@ def followed(
         if points is not None:
             points.resume(frame, masks, kept)
 
-    with ThreadPoolExecutor(1) as beside:
-        behind: Future[None] | None = None
+    with ThreadPoolExecutor(FINISHING) as finishing, ThreadPoolExecutor(1) as behind:
+        waiting: deque[Future[None]] = deque()
 
-        def finish(now: np.ndarray, flow: Flow | None, found: np.ndarray) -> None:
-            mask = follower.finished(now, found)
+        def hand_on(now: np.ndarray, flow: Flow | None, finished: Future[np.ndarray]) -> None:
+            mask = finished.result()
             packing.add(mask)
             if points is not None:
                 points.advance(now, flow, mask)
 
+        def wait_for(most: int) -> None:
+            """Until at `most` so many frames wait to be handed on."""
+            while len(waiting) > most:
+                waiting.popleft().result()
+
         def state() -> dict[str, np.ndarray]:
-            if behind is not None:
-                behind.result()
+            wait_for(0)
             return to_arrays(packing.masks(), "masks.") | follower.state() | (points.state() if points is not None else {})
 
         for t in range(done + 1, count):
             progress.update(t / count, f"following the object, frame {t} of {count - 1}")
             now = frame(t)
-            found = follower.advance(now)
-            if behind is not None:
-                behind.result()
-            behind = beside.submit(finish, now, follower.flow, found)
+            finished = finishing.submit(follower.finished, now, follower.advance(now))
+            waiting.append(behind.submit(hand_on, now, follower.flow, finished))
+            wait_for(AHEAD)
             loop.reached(t, state)
-        if behind is not None:
-            behind.result()
+        wait_for(0)
     return packing.masks()

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
 
 from ...errors import MaterialError
-from ...materials import PLASTIC_LAWS, SHEETS, Material, Sheet, adjust, find
+from ...materials import PLASTIC_LAWS, SHEETS, Material, Sheet, find
 from ...progress import Journal, NoProgress, Progress
 from ...records import Attachment, Body, Gaussians, Observation, Particles, Surface
 from ...settings import FLOWING_PARTICLES, PARTICLES, SHEET_VERTICES, BuildSettings
+from ...settings.build import material_of, may_be_sheet
 from .motion.keypoints import held, place, ride
 from .motion.late import among, tie
 from .motion.lifting import Arap, lift
@@ -88,26 +88,6 @@ def build(
     )
 
 
-def material_of(settings: BuildSettings) -> Material:
-    """What the body is made of.
-
-    Raises:
-        MaterialError: an unknown material or numbers that are not physical.
-    """
-    material = adjust(
-        find(settings.material),
-        law=settings.law,
-        density=settings.density,
-        youngs_modulus=settings.youngs_modulus,
-        poisson_ratio=settings.poisson_ratio,
-        yield_stress=settings.yield_stress,
-        viscosity=settings.viscosity,
-    )
-    if settings.estimated_material is None:
-        return material
-    return dataclasses.replace(material, name=settings.estimated_material, source=f"estimated for {settings.estimated_by}")
-
-
 def fill_solid(observation: Observation, settings: BuildSettings, material: Material, progress: Progress) -> tuple[Relief, Particles]:
     """Front and back of a solid in frame 0, and the particles between them. Raises ObjectError as `build`."""
     relief = relief_of(observation, settings.thickness)
@@ -124,14 +104,6 @@ def rest_body(observation: Observation, settings: BuildSettings) -> tuple[Materi
     if _sheet(observation, settings, material, NoProgress()) is not None:
         return None
     return material, fill_solid(observation, settings, material, NoProgress())[1]
-
-
-def may_be_sheet(settings: BuildSettings) -> bool:
-    """Whether `build` makes a thin sheet of an object that is large enough, or has been asked for one. Raises MaterialError as `build`."""
-    if settings.form != "auto":
-        return settings.form == "sheet"
-    known = SHEETS.get(find(settings.material).name)
-    return known is not None and known.woven and material_of(settings).law not in PLASTIC_LAWS
 
 
 def _sheet(observation: Observation, settings: BuildSettings, material: Material, progress: Progress) -> Sheet | None:
