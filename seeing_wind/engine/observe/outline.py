@@ -11,9 +11,10 @@ from ..masks import Masks
 from ..progress import Journal, Progress
 from ..records import Doubt
 from ..settings import ObserveSettings
+from .clip.registered import registered
 from .clip.shake import homography, through_mask
-from .mask.background import Plate
-from .mask.by_turns import with_background
+from .mask.background import Plate, median_plate
+from .mask.by_turns import boxed_alone, with_background
 from .mask.corrected import Marks, carried_to_first, marks_of, with_corrections
 from .mask.cutting import LEAST_PIXELS
 from .mask.evidence import Contrast
@@ -57,19 +58,25 @@ def find_outline(steady: Steady, progress: Progress, journal: Journal) -> Outlin
         settings = replace(settings, box=box_round(carried_to_first(frames, shown, plate, progress)))
         around = marked_area(settings, *frames.shape[1:3])
     boxed = around if settings.box is not None else np.zeros_like(around)
-    moving = None if plate is None else moving_from(frames, boxed, plate, progress)
+    still, behind = frames, plate
+    if plate is None and boxed_alone(settings) and (views := registered(frames, boxed, progress)) is not None:
+        still, behind = views, median_plate(views, progress)
+    moving = None if behind is None else moving_from(still, boxed, behind, progress)
     doubts: list[Doubt] = []
-    if plate is not None and moving is not None and boxed.any():
-        doubts += [one for one in (hardly_moves(frames[0], boxed, plate, moving),) if one is not None]
-    unaided = first_outline(settings, frames, plate, moving, steady.lens, progress)
+    if behind is not None and moving is not None and boxed.any():
+        doubts += [one for one in (hardly_moves(still[0], boxed, behind, moving),) if one is not None]
+    unaided = first_outline(settings, still, behind, moving, steady.lens, progress)
     mask = shown.get(0, unaided)
     progress.update(0.1, "following the object")
-    contrast, other = None, None
-    if plate is not None and moving is not None:
-        behind = plate
-        unaided, plate, contrast, other = with_background(frames, unaided, behind, moving, settings, around, progress, journal)
-        mask = unaided
-        if 0 in shown:
+    contrast: Contrast | None = None
+    other: np.ndarray | None = None
+    if behind is not None and moving is not None:
+        found = with_background(still, unaided, behind, moving, settings, around, progress, journal)
+        unaided = found[0]
+        mask = shown.get(0, unaided)
+        if plate is not None:
+            _, plate, contrast, other = found
+        if plate is not None and 0 in shown:
             # What is behind the object, and how it differs from that, is learnt once more where the user has drawn it.
             drawn = replace(settings, box=None)
             mask, plate, contrast, _ = with_background(frames, shown[0], behind, moving, drawn, shown[0], progress, journal)

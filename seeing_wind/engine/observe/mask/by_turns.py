@@ -12,9 +12,9 @@ from ..clip.stored import Frames, every
 from .background import LONGEST_MEDIAN, Plate, plate_behind, seen_first
 from .evidence import Contrast
 from .follow import MaskFollower
-from .from_box import refined
+from .from_box import better_drawn, by_colors, refined
 from .motion import window_of, within
-from .moving.in_box import NEARBY, Moving
+from .moving.in_box import NEARBY, Moving, left
 from .moving.others import beyond_box
 from .rim import boxed_in, cut_back
 from .through import followed
@@ -24,6 +24,11 @@ ROUGH_PIXELS = 40_000
 
 LEARNT = 9
 """Frames over the clip from which it is learnt how the object differs from the background."""
+
+
+def boxed_alone(settings: ObserveSettings) -> bool:
+    """Whether nothing but a box says where the object is."""
+    return settings.box is not None and settings.mask is None and settings.mask_model is None
 
 
 def with_background(
@@ -45,9 +50,11 @@ def with_background(
         frames: (T+1, H, W, 3) uint8 RGB; mask: (H, W) bool, the object in frame 0; plate: the background; moving: see `moving_from`.
         around: (H, W) bool, where a mask, box or points say that the object is.
     """
-    boxed = settings.box is not None and settings.mask is None and settings.mask_model is None
+    boxed = boxed_alone(settings)
     median = plate.color
-    motion = moving(within(window_of(around, NEARBY), mask)) if boxed else None
+    near = within(window_of(around, NEARBY), mask)
+    motion = moving(near) if boxed else None
+    still = None if motion is None else motion + left(frames[0], plate, near) < 0.0
     plate = seen_first(plate, frames, mask, around if settings.box is not None else mask)
     other = beyond_box(frames[0], mask, around, plate, moving) if boxed else np.zeros_like(mask)
     if motion is not None:
@@ -61,10 +68,11 @@ def with_background(
             seen = np.flatnonzero(areas(masks))
             some = seen[np.unique(np.linspace(0, len(seen) - 1, min(LEARNT, len(seen))).astype(int))]
             contrast = Contrast(plate, ((few[int(t)], masks[int(t)]) for t in some))
-    if motion is not None:
+    if motion is not None and still is not None:
         other = beyond_box(frames[0], mask, around, plate, moving)
         found = refined(frames[0], mask, plate, around, motion, other, contrast)
         mask = cut_back(frames[0], boxed_in(frames[0], found, around, plate), plate, progress) & around
+        mask = better_drawn(frames[0], mask, by_colors(frames[0], around, progress), around, still)
     return mask, plate, contrast, other
 
 

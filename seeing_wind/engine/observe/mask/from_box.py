@@ -10,9 +10,13 @@ from ...progress import Progress
 from .background import Plate
 from .cutting import LEAST_PIXELS, enclosed, grab_cut, tidy
 from .evidence import SURE, Colors, Contrast, against_plate, against_shape, cut_out, weighed
-from .motion import band_of, cut, paste, window_of, within
+from .motion import Window, band_of, cut, paste, window_of, within
 from .moving.in_box import MOVES, NEARBY, Moving, left
-from .rim import cut_back
+from .rim import cut_back, rim_of, steepness
+
+STEEPER, SPANS_LESS, STAYS_MORE = 0.05, 0.1, 0.1
+"""What an outline by colours needs to be taken instead of one that moves: by how much more of what is in the box its edges are steeper
+than, by how much less of the box it may span, and how much more of it may stand still."""
 
 NEITHER = "Mark the object in the first frame by --box, --points, or --mask with a PNG."
 
@@ -34,27 +38,64 @@ def mask_in_box(
         ObjectError: nothing in the box stands out.
     """
     inside = _pixels_of(box, *frame.shape[:2])
-    margin = max(20, (window_of(inside, 0)[2] - window_of(inside, 0)[0]) // 2, (window_of(inside, 0)[3] - window_of(inside, 0)[1]) // 2)
-    window = within(window_of(inside, margin), frame)
-    crop, boxed = cut(frame, window), cut(inside, window)
-    seen = None
-    if plate is not None and moving is not None:
-        motion = np.zeros(boxed.shape, np.float32)
-        near = within(window_of(inside, NEARBY), frame)
+    if plate is None or moving is None:
+        mask = by_colors(frame, inside, progress)
+    else:
+        window = _surroundings(inside)
+        boxed, near = cut(inside, window), within(window_of(inside, NEARBY), frame)
+        motion, behind = np.zeros(boxed.shape, np.float32), left(frame, plate, window)
         paste(motion, moving(near), (near[0] - window[0], near[1] - window[1], near[2] - window[0], near[3] - window[1]))
-        seen = motion, left(frame, plate, window), plate.relit(frame, window)
-    found = _begun(crop, boxed, seen, progress)
-    if found.sum() < max(MOVES * boxed.sum(), LEAST_PIXELS) and seen is not None:
-        # A box that GrabCut empties holds something too small or too alike: trust what changes.
-        found = (seen[0] + seen[1] > 0.0) & boxed
-    mask = np.zeros(inside.shape, bool)
-    paste(mask, tidy(found & boxed), window)
+        found = _begun(cut(frame, window), boxed, (motion, behind, plate.relit(frame, window)), progress)
+        if found.sum() < max(MOVES * boxed.sum(), LEAST_PIXELS):
+            # A box that GrabCut empties holds something too small or too alike: trust what changes.
+            found = (motion + behind > 0.0) & boxed
+        # With a background, frame 0 is looked at again.
+        mask = np.zeros(inside.shape, bool)
+        paste(mask, tidy(found & boxed), window)
     if mask.sum() < LEAST_PIXELS:
         raise ObjectError(
             f"Nothing in the box {numbers(box)} stands out from its surroundings.", "Draw the box closer, or give --mask with a PNG."
         )
-    # With a background, frame 0 is looked at again.
-    return mask if plate is not None else cut_back(frame, mask, None, progress) & inside
+    return mask
+
+
+def by_colors(frame: np.ndarray, inside: np.ndarray, progress: Progress) -> np.ndarray:
+    """What GrabCut finds in the box `inside` (H, W) bool by the colours of `frame` (H, W, 3) uint8 alone, (H, W) bool; maybe nothing."""
+    window = _surroundings(inside)
+    boxed, mask = cut(inside, window), np.zeros(inside.shape, bool)
+    paste(mask, tidy(_begun(cut(frame, window), boxed, None, progress) & boxed), window)
+    return cut_back(frame, mask, None, progress) & inside
+
+
+def better_drawn(frame: np.ndarray, mask: np.ndarray, other: np.ndarray, inside: np.ndarray, still: np.ndarray) -> np.ndarray:
+    """The `other` outline (H, W) bool in the box `inside` (H, W) bool if it goes along clearly steeper edges of `frame` (H, W, 3) uint8
+    than `mask` (H, W) bool does, spans about as much of the box, and holds hardly more of what stands `still`; else `mask`.
+
+    Motion says what the object is, but where little of it is seen to move, or what it hides moves with it, colours draw it better.
+    `still` (h, w) bool is of the window of the box and NEARBY pixels round it, as far as the frame goes.
+    """
+    window = within(window_of(inside, NEARBY), frame)
+    shapes = [cut(one, window) for one in (mask, other)]
+    if not (shapes[0].any() and shapes[1].any()):
+        return mask
+    spans, stays = [_spans(one, cut(inside, window)) for one in shapes], [float(still[one].mean()) for one in shapes]
+    if spans[1] < spans[0] - SPANS_LESS or stays[1] > stays[0] + STAYS_MORE:
+        return mask
+    slope = steepness(cv2.GaussianBlur(cut(frame, window), (0, 0), 1.0))
+    less_steep = [np.searchsorted(np.sort(slope, axis=None), slope[rim_of(one)]).mean() for one in shapes]
+    return other if less_steep[1] > less_steep[0] + STEEPER * slope.size else mask
+
+
+def _spans(mask: np.ndarray, inside: np.ndarray) -> float:
+    """The part of the box `inside` (H, W) bool that the bounds of `mask` (H, W) bool, not empty, cover."""
+    (x0, y0, x1, y1), (a0, b0, a1, b1) = window_of(mask, 0), window_of(inside, 0)
+    return (x1 - x0) * (y1 - y0) / ((a1 - a0) * (b1 - b0))
+
+
+def _surroundings(inside: np.ndarray) -> Window:
+    """The window in which the box `inside` (H, W) bool is looked at, with half of its sides beside it."""
+    x0, y0, x1, y1 = window_of(inside, 0)
+    return within(window_of(inside, max(20, (x1 - x0) // 2, (y1 - y0) // 2)), inside)
 
 
 def box_round(mask: np.ndarray) -> tuple[float, float, float, float]:

@@ -167,10 +167,10 @@ def unshaded(frame: np.ndarray, mask: np.ndarray, plate: Plate) -> np.ndarray:
     doubtful[0] = False
     if not doubtful.any():
         return mask
-    away, slope = largest(cv2.absdiff(smooth, behind)).astype(np.float32), _slope(smooth)
+    away, slope = largest(cv2.absdiff(smooth, behind)).astype(np.float32), steepness(smooth)
     contrast = cv2.dilate(away, np.ones((2 * EDGE + 1, 2 * EDGE + 1), np.uint8))
     steep = slope / np.maximum(contrast, np.float32(4.0 * plate.noise))
-    inner, outer = _rim(own), _rim(shape)
+    inner, outer = rim_of(own), rim_of(shape)
     usual = max(STEEP[0], float(np.median(steep[inner & outer]))) if (inner & outer).any() else STEEP[1]
     shade = np.zeros(len(stats), bool)
     for one in np.flatnonzero(doubtful):
@@ -210,13 +210,13 @@ def core(smooth: np.ndarray, shape: np.ndarray) -> np.ndarray:
     return inside
 
 
-def _slope(smooth: np.ndarray) -> np.ndarray:
+def steepness(smooth: np.ndarray) -> np.ndarray:
     """(h, w) float32 [grey levels per pixel], of the channel of `smooth` (h, w, 3) uint8 in which it is steepest."""
     across, down = (cv2.Sobel(smooth, cv2.CV_32F, *way, scale=1.0 / 8.0) for way in ((1, 0), (0, 1)))
     return np.sqrt(largest(across * across + down * down))
 
 
-def _rim(shape: np.ndarray) -> np.ndarray:
+def rim_of(shape: np.ndarray) -> np.ndarray:
     """(h, w) bool: pixels beside the border of `shape` (h, w) bool, on either side."""
     kernel, one = np.ones((3, 3), np.uint8), shape.astype(np.uint8)
     rim: np.ndarray = cv2.dilate(one, kernel) > cv2.erode(one, kernel)
