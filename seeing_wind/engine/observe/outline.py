@@ -11,7 +11,6 @@ from ..masks import Masks
 from ..progress import Journal, Progress
 from ..records import Doubt
 from ..settings import ObserveSettings
-from .clip.registered import registered
 from .clip.shake import homography, through_mask
 from .mask.background import Plate, median_plate
 from .mask.by_turns import boxed_alone, with_background
@@ -21,6 +20,7 @@ from .mask.evidence import Contrast
 from .mask.first_mask import read_mask
 from .mask.from_box import box_round
 from .mask.moving.in_box import hardly_moves, moving_from
+from .mask.moving.registered import registered
 from .networks import first_outline
 from .steady import Steady, marked, marked_area
 

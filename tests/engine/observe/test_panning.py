@@ -9,8 +9,8 @@ import pytest
 from scenes import noise, write_video
 
 from seeing_wind.engine.observe import observe
-from seeing_wind.engine.observe.clip.registered import registered
 from seeing_wind.engine.observe.mask.from_box import better_drawn, by_colors
+from seeing_wind.engine.observe.mask.moving.registered import registered
 from seeing_wind.engine.progress import NoProgress
 from seeing_wind.engine.settings import ObserveSettings
 

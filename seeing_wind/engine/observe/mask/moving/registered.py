@@ -9,9 +9,9 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from ...progress import Progress
-from .shake import LEAST_CORNERS, LEAST_PART, surrounding_corners
-from .stored import Frames, StoredFrames
+from ....progress import Progress
+from ...clip.shake import LEAST_CORNERS, LEAST_PART, surrounding_corners
+from ...clip.stored import Frames, StoredFrames
 
 AT_MOST = 24
 """Frames: the farther the camera has gone, the less a homography says."""
