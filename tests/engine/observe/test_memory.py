@@ -13,7 +13,7 @@ from scenes import Scene, write_video
 
 from seeing_wind.engine.errors import ClipError
 from seeing_wind.engine.observe.clip.frames import read_clip
-from seeing_wind.engine.observe.clip.stored import StoredFrames, every
+from seeing_wind.engine.observe.clip.stored import StoredFrames
 
 resource = pytest.importorskip("resource")
 
@@ -56,19 +56,6 @@ def test_stored_frames_read_like_an_array() -> None:
     assert np.array_equal(stored[0], frames[0]), "a copy that the caller owns"
     with pytest.raises(IndexError, match="frame 4 of 4"):
         stored[4]
-
-
-def test_every_other_stored_frame_reads_like_those_of_an_array() -> None:
-    frames = np.random.default_rng(0).integers(0, 256, (7, 6, 5, 3)).astype(np.uint8)
-    stored = StoredFrames(6, 5)
-    for frame in frames:
-        stored.append(frame)
-    some = every(stored, 2)
-    del stored  # the file stays open
-    assert some.shape == (4, 6, 5, 3) and np.array_equal(some, every(frames, 2)) and np.array_equal(every(some, 3), frames[::6])
-    assert np.array_equal(some[-1], frames[6]) and np.array_equal(some[1, 2:5], frames[2, 2:5])
-    with pytest.raises(IndexError, match="frame 4 of 4"):
-        some[4]
 
 
 def test_a_full_disk_says_what_to_do(disc: Scene) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import tempfile
 import threading
 import weakref
@@ -26,9 +25,7 @@ class StoredFrames:
 
     def __init__(self, height: int, width: int) -> None:
         self._frame = (height, width, 3)
-        self._count, self._step = 0, 1
-        # Keeps the file of those that these are some of.
-        self._whole: StoredFrames | None = None
+        self._count = 0
         self._file = tempfile.TemporaryFile(prefix="seeing_wind_", buffering=0)
         self._lock = threading.Lock()
         weakref.finalize(self, self._file.close)
@@ -36,13 +33,7 @@ class StoredFrames:
     @property
     def shape(self) -> tuple[int, int, int, int]:
         """(T+1, H, W, 3)."""
-        return (len(self), *self._frame)
-
-    def every(self, step: int) -> StoredFrames:
-        """Frame 0 and every `step`-th of those behind it, read from the same file, which lives as long as this does."""
-        some = copy.copy(self)
-        some._step, some._whole = self._step * step, self
-        return some
+        return (self._count, *self._frame)
 
     def append(self, frame: np.ndarray) -> None:
         """Add a `frame` (H, W, 3) uint8 RGB at the end.
@@ -63,10 +54,10 @@ class StoredFrames:
         self._count += 1
 
     def __len__(self) -> int:
-        return -(-self._count // self._step)
+        return self._count
 
     def __iter__(self) -> Iterator[np.ndarray]:
-        return (self[t] for t in range(len(self)))
+        return (self[t] for t in range(self._count))
 
     @overload
     def __getitem__(self, index: int) -> np.ndarray: ...
@@ -78,13 +69,13 @@ class StoredFrames:
         if step != 1:
             raise IndexError("rows are read without gaps")
         t = int(t)
-        if not -len(self) <= t < len(self):
-            raise IndexError(f"frame {t} of {len(self)}")
+        if not -self._count <= t < self._count:
+            raise IndexError(f"frame {t} of {self._count}")
         height, width, _ = self._frame
         part = np.empty((max(0, last - first), width, 3), np.uint8)
         rest = part.reshape(-1).data
         with self._lock:
-            self._file.seek((t % len(self) * self._step * height + first) * width * 3)
+            self._file.seek(((t % self._count) * height + first) * width * 3)
             while len(rest):
                 read = self._file.readinto(rest)
                 if not read:
@@ -94,17 +85,12 @@ class StoredFrames:
 
     def __array__(self, dtype: np.dtype | None = None, copy: bool | None = None) -> np.ndarray:
         """All frames in memory, for short clips."""
-        whole = np.stack(list(self)) if len(self) else np.empty(self.shape, np.uint8)
+        whole = np.stack(list(self)) if self._count else np.empty(self.shape, np.uint8)
         return whole if dtype is None else whole.astype(dtype)
 
 
 Frames = np.ndarray | StoredFrames
 """The frames of a clip, (T+1, H, W, 3) uint8 RGB, in memory or on disk."""
-
-
-def every(frames: Frames, step: int) -> Frames:
-    """Frame 0 and every `step`-th of those behind it."""
-    return frames[::step] if isinstance(frames, np.ndarray) else frames.every(step)
 
 
 def each(frames: Frames, function: Callable[[int, np.ndarray], np.ndarray], progress: Progress) -> StoredFrames:

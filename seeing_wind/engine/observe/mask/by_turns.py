@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
+
 import cv2
 import numpy as np
 
 from ...masks import Masks, areas
 from ...progress import Journal, Progress
 from ...settings import ObserveSettings
-from ..clip.stored import Frames, every
-from .background import LONGEST_MEDIAN, Plate, plate_behind, seen_first
+from ..clip.stored import Frames
+from .background import Plate, plate_behind, seen_first
 from .evidence import Contrast
 from .follow import MaskFollower
 from .from_box import better_drawn, by_colors, refined
@@ -44,7 +46,7 @@ def with_background(
     """The outline of frame 0, the background, how the object differs from it, each found again by the others, and what other thing
     moves along with it, see `others.beyond_box`.
 
-    The object, followed roughly, shows what is behind it. Of a long clip every other frame is enough for that: a median takes fewer.
+    The object, followed roughly, shows what is behind it.
 
     Args:
         frames: (T+1, H, W, 3) uint8 RGB; mask: (H, W) bool, the object in frame 0; plate: the background; moving: see `moving_from`.
@@ -59,20 +61,21 @@ def with_background(
     other = beyond_box(frames[0], mask, around, plate, moving) if boxed else np.zeros_like(mask)
     if motion is not None:
         mask = boxed_in(frames[0], refined(frames[0], mask & ~other, plate, around, motion, other), around, plate)
-    contrast = None
+    contrast, colored = None, None
     if not settings.mask_model:
-        few = every(frames, 2 if len(frames) >= 2 * LONGEST_MEDIAN else 1)
-        masks = _roughly(few, mask, other, plate, progress, journal)
+        with ThreadPoolExecutor(1) as beside:
+            colored = beside.submit(by_colors, frames[0], around, progress) if boxed else None
+            masks = _roughly(frames, mask, other, plate, progress, journal)
         if areas(masks)[1:].any():
-            plate = plate_behind(few, masks, plate, median, progress)
+            plate = plate_behind(frames, masks, plate, median, progress)
             seen = np.flatnonzero(areas(masks))
             some = seen[np.unique(np.linspace(0, len(seen) - 1, min(LEARNT, len(seen))).astype(int))]
-            contrast = Contrast(plate, ((few[int(t)], masks[int(t)]) for t in some))
-    if motion is not None and still is not None:
+            contrast = Contrast(plate, ((frames[int(t)], masks[int(t)]) for t in some))
+    if motion is not None and still is not None and colored is not None:
         other = beyond_box(frames[0], mask, around, plate, moving)
         found = refined(frames[0], mask, plate, around, motion, other, contrast)
         mask = cut_back(frames[0], boxed_in(frames[0], found, around, plate), plate, progress) & around
-        mask = better_drawn(frames[0], mask, by_colors(frames[0], around, progress), around, still)
+        mask = better_drawn(frames[0], mask, colored.result(), around, still)
     return mask, plate, contrast, other
 
 
