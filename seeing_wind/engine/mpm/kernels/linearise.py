@@ -9,7 +9,7 @@ from ..compiler import ti
 from ..lattice.conditions import in_box
 from ..laws.constitutive import kirchhoff, kirchhoff_adjoint
 from ..laws.eigen import from_columns, left_cauchy_green, product, relative_deviator
-from ..laws.plasticity import VON_MISES, certainly_elastic, hencky_both_ways, plastic_flow_adjoint
+from ..laws.plasticity import VON_MISES, certainly_elastic, flow_known, hencky_adjoint, hencky_known, through_flow
 from ..laws.viscous import doubled_rate, is_damped, viscous
 from .packed import (
     LAM,
@@ -104,6 +104,10 @@ def stress_derivative(plastic: ti.template(), at, own, dx, dt, particle: ti.temp
     if damped:
         whole += viscous(C, mu, lam, viscosity)
     turn = scale * product(whole, inverse)
+    m, U, x, e, slopes = 0.0, ti.Matrix.zero(float, 3, 3), ti.Vector.zero(float, 3), ti.Vector.zero(float, 3), ti.Vector.zero(float, 3)
+    if ti.static(plastic):
+        if law >= VON_MISES:
+            m, U, x, e, slopes = hencky_known(F)
     for a in range(3):
         for b in range(a, 3):
             bar = ti.Matrix.zero(float, 3, 3)
@@ -111,7 +115,7 @@ def stress_derivative(plastic: ti.template(), at, own, dx, dt, particle: ti.temp
             F_bar, _mu_bar, _lam_bar = kirchhoff_adjoint(law, F, mu, lam, known, bar)
             if ti.static(plastic):
                 if law >= VON_MISES:
-                    _tau, F_bar, _mu_bar, _lam_bar = hencky_both_ways(F, mu, lam, bar)
+                    F_bar, _mu_bar, _lam_bar = hencky_adjoint(F, mu, lam, m, U, x, e, slopes, bar)
             elif damped:
                 F_bar -= product(product(C.transpose(), viscosity * doubled_rate(bar, lam / mu)), inverse)
             for i, d in ti.static(ti.ndrange(3, 3)):
@@ -128,41 +132,54 @@ def stress_derivative(plastic: ti.template(), at, own, dx, dt, particle: ti.temp
 def advection(at, corner, f, dx, v_p, velocity: ti.template(), stride_x, stride_y, record: ti.template()):
     """Writes how v and C of g2p change as the particle moves among nodes that stay as they are, `velocity` from node `corner` on.
 
-    Weights and slopes are those in `record`. Its loops are loops of the machine, too: unrolled they would take minutes to compile.
+    TURN is the sum over nodes of v grad w, SWIRL that of v (i, j, k) grad w less the place f times TURN. Both are summed along z, then y,
+    then x, which takes a fifth of what it takes node by node. Weights and slopes are those in `record`. Its loops are loops of the
+    machine, too: unrolled they would take minutes to compile.
     """
     for c in range(3):
         turn, swirl = ti.Vector.zero(float, 3), ti.Matrix.zero(float, 3, 3)
         for i in range(3):
+            level, sloped = ti.Vector.zero(float, 6), ti.Vector.zero(float, 3)  # a plane's sums, of slopes along y the latter
             for j in range(3):
-                for k in range(3):
-                    x, y, z = at + 3 * i, at + 3 * j + 1, at + 3 * k + 2
-                    w = ti.Vector([record[WEIGHTS + x], record[WEIGHTS + y], record[WEIGHTS + z]])
-                    by = ti.Vector(
-                        [record[SLOPES + x] * w[1] * w[2], w[0] * record[SLOPES + y] * w[2], w[0] * w[1] * record[SLOPES + z]]
-                    )
-                    away = ti.Vector([i - f[0], j - f[1], k - f[2]])
-                    v = velocity[3 * (corner + i * stride_x + j * stride_y + k) + c]
-                    turn += v * by
-                    swirl += v * away.outer_product(by)
+                z, first = at + 2, 3 * (corner + i * stride_x + j * stride_y) + c
+                near, middle, far = velocity[first], velocity[first + 3], velocity[first + 6]
+                middle_w, far_w = record[WEIGHTS + z + 3] * middle, record[WEIGHTS + z + 6] * far
+                middle_s, far_s = record[SLOPES + z + 3] * middle, record[SLOPES + z + 6] * far
+                line, line_z = record[WEIGHTS + z] * near + middle_w + far_w, middle_w + 2.0 * far_w
+                rise, rise_z = record[SLOPES + z] * near + middle_s + far_s, middle_s + 2.0 * far_s
+                w, slope = record[WEIGHTS + at + 3 * j + 1], record[SLOPES + at + 3 * j + 1]
+                level += w * ti.Vector([line, rise, line_z, rise_z, j * line, j * rise])
+                sloped += slope * ti.Vector([line, line_z, j * line])
+            w, slope = record[WEIGHTS + at + 3 * i], record[SLOPES + at + 3 * i]
+            along = ti.Vector([slope * level[0], w * sloped[0], w * level[1]])
+            turn += along
+            swirl += ti.Matrix.rows(
+                [
+                    i * along,
+                    ti.Vector([slope * level[4], w * sloped[2], w * level[5]]),
+                    ti.Vector([slope * level[2], w * sloped[1], w * level[3]]),
+                ]
+            )
         for e in ti.static(range(3)):
             record[at + TURN + 3 * c + e] = ti.cast(turn[e], ti.f32)
             for d in ti.static(range(3)):
                 own = v_p[c] / dx if ti.static(d == e) else 0.0
-                record[at + SWIRL + 9 * c + 3 * d + e] = ti.cast(4.0 / dx * (swirl[d, e] - own), ti.f32)
+                record[at + SWIRL + 9 * c + 3 * d + e] = ti.cast(4.0 / dx * (swirl[d, e] - f[d] * turn[e] - own), ti.f32)
 
 
 @ti.func
 def flow_derivative(at, own, dt, particle: ti.template(), trial, flow: ti.template()):
     """Writes the derivative of the plastic flow that follows the trial deformation; returns whether anything may flow."""
     law, mu, yield_stress = ti.cast(particle[own + LAW], ti.i32), particle[own + MU], particle[own + YIELD_STRESS]
-    _m, _X, size = relative_deviator(left_cauchy_green(trial))
+    m, X, size = relative_deviator(left_cauchy_green(trial))
     flows = 0
     if law >= VON_MISES and not certainly_elastic(size, mu, yield_stress):
         flows = 1
+        U, x, e, s, kept, M, shear, _trial, _limit, _w = flow_known(law, mu, yield_stress, particle[own + VISCOSITY], dt, X, size)
         for row in range(9):
             bar = ti.Matrix.zero(float, 3, 3)
             bar[row // 3, row % 3] = 1.0
-            F_bar, _mu, _yield, _viscosity = plastic_flow_adjoint(law, trial, mu, yield_stress, particle[own + VISCOSITY], dt, bar)
+            F_bar, _s_bar = through_flow(trial, m, U, x, e, s, kept, M, shear, bar)
             for i, d in ti.static(ti.ndrange(3, 3)):
                 flow[at + 9 * row + 3 * i + d] = ti.cast(F_bar[i, d], ti.f32)
     return flows
