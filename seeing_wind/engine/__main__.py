@@ -18,8 +18,10 @@ import traceback
 from collections.abc import Sequence
 from typing import Any, TextIO
 
-# Threads of NumPy and torch that wait spin otherwise; beside a busy Blender the solve then hardly gets on. Read when the libraries load.
+# Threads of torch that wait spin otherwise; beside a busy Blender the solve then hardly gets on. NumPy's wait between small tasks and spin
+# all the same: with two of them a recovery took twice the processor's time, and no less of the user's. Read when the libraries load.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_THREAD_TIMEOUT", "4")
 
 from .conventions import LARGEST_IMAGE  # noqa: E402
