@@ -18,6 +18,8 @@ from .constants import PACE
 
 DAMPING = ((0.0,), (1.0, 5.0), (30.0, 200.0), (1e3, 3e4), (1e6,))
 """Candidates of lambda: the one that mostly serves, and those tried when it does not. Those of a group are simulated in parallel."""
+ENOUGH = 0.5
+"""Share of what it promised that the undamped step must win, or the next are tried, too: where the problem is curved they win more."""
 
 
 @dataclass(frozen=True)
@@ -119,7 +121,7 @@ def solve(
                 if costs[least] < best[0]:
                     best = float(costs[least]), trials[least], missed[least]
                 won = cost - best[0]
-                if won > (PACE.stale * promised if candidates is DAMPING[0] else 0.0):
+                if won > (ENOUGH * promised if candidates is DAMPING[0] else 0.0):
                     break
             cost, theta, residual = best
             if won < PACE.stale * promised:
