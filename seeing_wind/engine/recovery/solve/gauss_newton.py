@@ -16,10 +16,8 @@ import numpy as np
 from ...errors import SimulationError
 from .constants import PACE
 
-DAMPING = ((0.0,), (1.0, 5.0), (30.0, 200.0), (1e3, 3e4), (1e6,))
-"""Candidates of lambda: the one that mostly serves, and those tried when it does not. Those of a group are simulated in parallel."""
-ENOUGH = 0.5
-"""Share of what it promised that the undamped step must win, or the next are tried, too: where the problem is curved they win more."""
+DAMPING = ((0.0, 1.0), (5.0, 30.0, 200.0, 1e3, 3e4, 1e6))
+"""Candidates of lambda: those that mostly serve, and those tried when they do not. Those of a group are simulated in parallel."""
 
 
 @dataclass(frozen=True)
@@ -112,18 +110,16 @@ def solve(
             promised = float(gradient @ np.linalg.solve(point.normal + precision, gradient))
             if promised < max(per_unknown * len(theta), tolerance * cost):
                 return Solution(theta, residual, cost, used, True, point)
-            best = cost, theta, residual
             for candidates in DAMPING:
                 trials = theta - np.stack([np.linalg.solve(point.normal + (1.0 + damp) * precision, gradient) for damp in candidates])
                 missed = residuals(trials)
                 costs = cost_of(missed, trials - mean, precision)
-                least = int(np.argmin(costs))
-                if costs[least] < best[0]:
-                    best = float(costs[least]), trials[least], missed[least]
-                won = cost - best[0]
-                if won > (ENOUGH * promised if candidates is DAMPING[0] else 0.0):
+                best = int(np.argmin(costs))
+                if costs[best] < cost:
                     break
-            cost, theta, residual = best
+            if not costs[best] < cost:
+                break
+            won, cost, theta, residual = cost - costs[best], float(costs[best]), trials[best], missed[best]
             if won < PACE.stale * promised:
                 break
         if used >= iterations or (used and not cost < (1.0 - tolerance) * at_start):
