@@ -55,6 +55,7 @@ def follow(
     plate: Plate | None,
     contrast: Contrast | None,
     other: np.ndarray | None,
+    panned: Plate | None,
     lens: Lens,
     settings: ObserveSettings,
     progress: Progress,
@@ -63,7 +64,7 @@ def follow(
     """Masks (T+1, H, W) and tracks, in one pass over the clip, or two where the body's silhouette has to serve as a track.
 
     `outlines` (T+1, H, W), where they are known already, are the masks; `mask` (H, W) bool is that of frame 0 in any case. `other`
-    (H, W) bool: another thing that moves along, see `others.beyond_box`.
+    (H, W) bool: another thing that moves along, see `others.beyond_box`. `panned`: the background in frame 0 where the camera moves.
     """
     frames = clip.frames
     given: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
@@ -80,7 +81,7 @@ def follow(
         outlines = journal.once("masks", Masks, lambda: network_masks(settings.mask_model or "", frames, mask, progress.part(0.1, 0.7)))
     follower: Follower
     if outlines is None:
-        follower = MaskFollower(frames[0], mask, plate, progress, contrast, trim=True, other=other)
+        follower = MaskFollower(frames[0], mask, plate, progress, contrast, trim=True, other=other, panned=panned)
     else:
         follower = Outlined(frames[0], outlines)
     masks = followed(frames.__getitem__, len(frames), follower, progress.part(0.3, 0.9), journal.loop("follow"), points)

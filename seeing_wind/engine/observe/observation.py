@@ -72,7 +72,8 @@ def _seen(clip: Clip, settings: ObserveSettings, progress: Progress, journal: Jo
     depth = object_depth(_depth_map(steady, outline.mask), steady.depth_name, outline.mask, steady.distance, progress)
     _tell_huge(outline.mask, depth, lens.camera, progress)
     masks, tracks = follow(
-        clip, outline.mask, outline.corrected, outline.plate, outline.contrast, outline.other, lens, outline.settings, progress, journal
+        clip, outline.mask, outline.corrected, outline.plate, outline.contrast, outline.other, outline.panned, lens, outline.settings,
+        progress, journal,
     )
     median = None if steady.plate is None else steady.plate.color
     bare = beside.submit(clean_plate, clip.frames, masks, median, progress)

@@ -39,6 +39,8 @@ class Outline:
     """How it differs from that."""
     other: np.ndarray | None
     """(H, W) bool: another thing that moves along with it, see `others.beyond_box`."""
+    panned: Plate | None
+    """What is behind it in frame 0, where the camera moves."""
     settings: ObserveSettings
     """With the box in which it was sought."""
     doubts: list[Doubt]
@@ -70,18 +72,21 @@ def find_outline(steady: Steady, progress: Progress, journal: Journal) -> Outlin
     progress.update(0.1, "following the object")
     contrast: Contrast | None = None
     other: np.ndarray | None = None
+    panned: Plate | None = None
     if behind is not None and moving is not None:
         found = with_background(still, unaided, behind, moving, settings, around, progress, journal)
         unaided = found[0]
         mask = shown.get(0, unaided)
         if plate is not None:
             _, plate, contrast, other = found
+        else:
+            panned = found[1]
         if plate is not None and 0 in shown:
             # What is behind the object, and how it differs from that, is learnt once more where the user has drawn it.
             drawn = replace(settings, box=None)
             mask, plate, contrast, _ = with_background(frames, shown[0], behind, moving, drawn, shown[0], progress, journal)
     corrected = with_corrections(frames, mask, unaided, shown, marks, plate, contrast, other, progress, journal)
-    return Outline(mask if corrected is None else corrected[0], corrected, plate, contrast, other, settings, doubts)
+    return Outline(mask if corrected is None else corrected[0], corrected, plate, contrast, other, panned, settings, doubts)
 
 
 def _corrections(steady: Steady) -> tuple[dict[int, np.ndarray], dict[int, Marks]]:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from interrupted import assert_same, in_pieces
 from scenes import noise, write_video
 
 from seeing_wind.engine.observe import observe
@@ -34,6 +35,11 @@ def panned() -> Filmed:
     for top in (32, 130):
         wall[top : top + 14, 40:95] = noise(rng, (14, 55), (40, 40, 150), (80, 90, 230), 2.5)
     disc = noise(rng, (2 * RADIUS + 1, 2 * RADIUS + 1), (150, 40, 40), (230, 90, 80), 2.5)
+    return filmed(wall, disc, rng)
+
+
+def filmed(wall: np.ndarray, disc: np.ndarray, rng: np.random.Generator) -> Filmed:
+    """The disc that drifts over the wall, from a camera that follows it slowly."""
     own = np.hypot(*np.mgrid[-RADIUS : RADIUS + 1, -RADIUS : RADIUS + 1]) <= RADIUS
     frames, masks = [], []
     for t in range(FRAMES):
@@ -49,8 +55,7 @@ def panned() -> Filmed:
 def test_what_stands_still_in_the_box_before_a_panning_camera_is_left_out(panned: Filmed, tmp_path: Path) -> None:
     frames, masks = panned
     write_video(tmp_path / "clip.avi", frames, 30.0)
-    rows, columns = np.nonzero(masks[0])
-    box = (columns.min() - 12.0, rows.min() - 36.0, columns.max() + 12.0, rows.max() + 36.0)
+    box = box_round(masks[0], 12.0, 36.0)
     seen = observe(tmp_path / "clip.avi", ObserveSettings(box=box, distance=1.0), NoProgress())
     assert any("camera moves" in one for one in seen.doubts.because)
     assert overlap(np.asarray(seen.masks[0]), masks[0]) > 0.9
@@ -94,3 +99,35 @@ def test_an_outline_along_steeper_edges_is_taken_where_it_spans_as_much() -> Non
     assert np.array_equal(better_drawn(frame, true, small, inside, nowhere), true)
     assert np.array_equal(better_drawn(frame, true, np.zeros_like(true), inside, nowhere), true)
     assert np.array_equal(better_drawn(frame, loose, true, inside, true & ~small), loose), "most of it stands still"
+
+
+@pytest.fixture(scope="module")
+def alike(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, np.ndarray]:
+    """A disc of the wall's own colours before it; the clip and masks (T+1, H, W) bool."""
+    rng = np.random.default_rng(8)
+    wall = noise(rng, (HEIGHT, WIDTH + PAN * FRAMES), (60, 60, 60), (200, 195, 190), 6.0)
+    disc = noise(rng, (2 * RADIUS + 1, 2 * RADIUS + 1), (60, 60, 60), (200, 195, 190), 6.0)
+    frames, masks = filmed(wall, disc, rng)
+    path = tmp_path_factory.mktemp("alike") / "clip.avi"
+    write_video(path, frames, 30.0)
+    return path, masks
+
+
+def box_round(mask: np.ndarray, across: float, down: float) -> tuple[float, float, float, float]:
+    rows, columns = np.nonzero(mask)
+    return columns.min() - across, rows.min() - down, columns.max() + across, rows.max() + down
+
+
+def test_what_a_panning_camera_has_shown_beside_a_thing_does_not_come_in_later(alike: tuple[Path, np.ndarray]) -> None:
+    path, masks = alike
+    seen = observe(path, ObserveSettings(box=box_round(masks[0], 12.0, 12.0), distance=1.0), NoProgress())
+    overlaps = [overlap(np.asarray(seen.masks[t]), masks[t]) for t in range(FRAMES)]
+    assert min(overlaps) > 0.75 and overlaps[-1] > 0.9
+
+
+def test_a_killed_observation_of_a_panned_clip_goes_on_to_the_same(alike: tuple[Path, np.ndarray], tmp_path: Path) -> None:
+    path, masks = alike
+    settings = ObserveSettings(box=box_round(masks[0], 12.0, 12.0), distance=1.0)
+    found, kills, _ = in_pieces(path, settings, tmp_path, 7)
+    assert_same(found, observe(path, settings, NoProgress()))
+    assert kills > 2

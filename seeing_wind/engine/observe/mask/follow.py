@@ -12,6 +12,7 @@ from .cutting import LEAST_PIXELS, hanging_on, tidy
 from .evidence import SMALL, Contrast, against_plate, against_shape, cut_out, weighed
 from .motion import Flow, FlowSolver, Window, band_of, body_shift, cut, middle_of, paste, placed, window_of, within
 from .moving.others import Other
+from .moving.panned import PannedPlate
 from .rim import cut_back
 
 LOST = 0.3
@@ -34,7 +35,8 @@ class MaskFollower:
     """Follows one object: whole-body search, flow, then all evidence round the carried silhouette.
 
     Where the camera stands still, `plate` tells pixels that did not change (never object, away from its inside) and gives a small
-    object, of too few pixels for colours, its silhouette.
+    object, of too few pixels for colours, its silhouette. Where it moves, what it has shown beside the object so far does, see
+    `moving.panned`.
 
     Attributes:
         flow: motion from the frame before to the newest one; None after `hidden`.
@@ -51,16 +53,21 @@ class MaskFollower:
         contrast: Contrast | None = None,
         trim: bool = False,
         other: np.ndarray | None = None,
+        panned: Plate | None = None,
     ) -> None:
         """`frame` (H, W, 3) uint8 RGB and `mask` (H, W) bool of frame 0; `progress` is asked several times a frame.
 
         `contrast`: how the object differs from the plate; None learns it from frame 0. `trim`: masks end in the middle of a blurred rim.
-        `other` (H, W) bool: another thing that may move along.
+        `other` (H, W) bool: another thing that may move along. `panned`: the background in frame 0 where the camera moves.
         """
         self._trim = trim
         self._progress = progress
         self._plate = plate
         self._contrast = contrast if contrast is not None or plate is None else Contrast(plate, [(frame, mask)])
+        self._panned = None if panned is None else PannedPlate(frame, mask, panned)
+        self._behind = plate
+        if panned is not None and self._contrast is None:
+            self._contrast = Contrast(panned, [(frame, mask)])
         self._solver = FlowSolver(rough=True)
         self._gray = cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY)
         self._shape, self._whole = Carried("shape", mask), Carried("whole", mask)
@@ -79,6 +86,8 @@ class MaskFollower:
         gray = cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY)
         shift = self._search(frame)
         self._progress.check()
+        if self._panned is not None:
+            self._behind = self._panned.carried(gray)
         window = self._shape.window
         side = max(window[2] - window[0], window[3] - window[1])
         margin = int(np.clip(0.25 * side, 12, 80))
@@ -94,6 +103,8 @@ class MaskFollower:
         mask = np.zeros(gray.shape, bool)
         if not self.hidden:
             paste(mask, found, where)
+        if self._panned is not None:
+            self._panned.learn(frame, mask)
         self.mask = mask
         return mask
 
@@ -107,7 +118,7 @@ class MaskFollower:
             "template": self._template,
             "velocity": self.velocity,
             "counts": np.array([self._steps, self._missed, self.hidden, self._most]),
-        } | self._shape.state() | self._whole.state() | self._other.state()
+        } | self._shape.state() | self._whole.state() | self._other.state() | ({} if self._panned is None else self._panned.state())
 
     def resume(self, frame: np.ndarray, mask: np.ndarray, state: dict[str, np.ndarray]) -> None:
         """See `through.Follower.resume`."""
@@ -118,6 +129,8 @@ class MaskFollower:
         self._gray, self.mask, self.flow = cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY), mask, None
         for carried in (self._shape, self._whole, self._other):
             carried.resume(state)
+        if self._panned is not None:
+            self._panned.resume(frame, state)
 
     def _search(self, frame: np.ndarray) -> np.ndarray:
         size = float(np.sqrt(self._shape.part.sum()))
@@ -186,9 +199,9 @@ class MaskFollower:
 
     def _against_plate(self, frame: np.ndarray, around: Window) -> tuple[np.ndarray, np.ndarray] | None:
         """What `against_plate` says in a window; None where no background is known, or in a window without area."""
-        if self._plate is None or self._contrast is None or around[0] >= around[2] or around[1] >= around[3]:
+        if self._behind is None or self._contrast is None or around[0] >= around[2] or around[1] >= around[3]:
             return None
-        return against_plate(frame, self._plate, around, self._contrast)
+        return against_plate(frame, self._behind, around, self._contrast)
 
     def _remember(
         self, frame: np.ndarray, gray: np.ndarray, shift: np.ndarray, carried: np.ndarray, found: np.ndarray, where: Window

@@ -35,7 +35,7 @@ def registered(frames: Frames, around: np.ndarray, progress: Progress) -> Stored
     """
     first = np.array(frames[0])
     gray = cv2.cvtColor(first, cv2.COLOR_RGB2GRAY)
-    corners = surrounding_corners(gray, around, max(8.0, gray.shape[1] / 80))
+    corners = corners_beside(gray, around)
     if corners is None:
         return None
     views, places = StoredFrames(*gray.shape), corners
@@ -43,7 +43,7 @@ def registered(frames: Frames, around: np.ndarray, progress: Progress) -> Stored
     for t in range(1, min(AT_MOST, len(frames))):
         progress.check()
         frame = np.array(frames[t])
-        found = _homography(gray, cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY), corners, places)
+        found = homography_to(gray, cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY), corners, places)
         if found is None:
             break
         places = cv2.perspectiveTransform(corners.astype(np.float64), found).astype(np.float32)
@@ -52,7 +52,12 @@ def registered(frames: Frames, around: np.ndarray, progress: Progress) -> Stored
     return views if len(views) >= AT_LEAST else None
 
 
-def _homography(first: np.ndarray, gray: np.ndarray, corners: np.ndarray, places: np.ndarray) -> np.ndarray | None:
+def corners_beside(gray: np.ndarray, around: np.ndarray) -> np.ndarray | None:
+    """Corners (K, 1, 2) [px] of the `gray` frame (H, W) uint8 beside `around` (H, W) bool, as `surrounding_corners`."""
+    return surrounding_corners(gray, around, max(8.0, gray.shape[1] / 80))
+
+
+def homography_to(first: np.ndarray, gray: np.ndarray, corners: np.ndarray, places: np.ndarray) -> np.ndarray | None:
     """(3, 3), from pixels of the gray frame `first` to those of `gray` (H, W) uint8; None where the surroundings do not move as one.
 
     `corners` (K, 1, 2) [px] are in the first one; `places` (K, 1, 2): about where they are in the other.
