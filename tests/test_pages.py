@@ -66,7 +66,7 @@ def test_every_path_of_the_architecture_is_there() -> None:
         ("ONE_FILE", "ui/field/operators.py"), ("def option", "engine/settings/option.py"),
         ("def network_tracks", "engine/observe/networks.py"), ("class Generations", "engine/observe/tracks/reseed.py"),
         ("class Kernel", "engine/recovery/prior/kernel.py"), ("class Prior", "engine/recovery/prior/kernel.py"),
-        ("def over_time", "engine/recovery/prior/kernel.py"), ("def covariance", "engine/recovery/prior/kernel.py"),
+        ("def over_time", "engine/recovery/prior/kernel.py"), ("def correlation", "engine/recovery/prior/kernel.py"),
         ("def filmed", "engine/records.py"), ("LENS", "engine/observe/clip/transforms.py"),
         ("PINHOLES", "engine/observe/clip/transforms.py"),
         ("WAYS", "ui/property_kinds.py"), ("SAYS", "ui/bake/operators.py"), ("EXPORTS", "ui/bake/cache.py"),

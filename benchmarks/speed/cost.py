@@ -25,9 +25,7 @@ BASE = 24, 128
 
 
 def one(frames: int, particles: int) -> dict:
-    """A recovery in this process, with the worker's settings of threads."""
-    import seeing_wind.engine.__main__  # noqa: F401, I001  before what reads them
-
+    """A recovery in this process."""
     from benchmarks.speed.schedule import FPS, MATERIAL, scene
     from seeing_wind.engine.look.report.accuracy import field_errors
     from seeing_wind.engine.progress import NoProgress

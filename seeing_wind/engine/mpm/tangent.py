@@ -49,7 +49,7 @@ _WORK_PER_CALL = 6_000_000
 class Changes:
     """Changes in B directions, by the frame from which on a direction acts.
 
-    They should be of comparable size: of what a direction does, a ten thousandth of what all do may be lost.
+    They should be of comparable size: of what a direction does, a hundred thousandth of what all do may be lost.
     """
 
     coefficients: np.ndarray

@@ -44,9 +44,8 @@ FILE = "solver_speed.json"
 COLUMNS = 2.5
 """That are carried for all changes (`mpm.body.columns`), for each coefficient of a frame's force: 1.7 to 2.4 on development scenes."""
 
-OTHER = 1.25
-"""What a solve takes, learning the prior's sizes and linear algebra too, in units of its simulations: 1.1 to 1.25 of bodies of a thousand
-particles; twice that of a hundred, which take seconds."""
+OTHER = 1.5
+"""What a solve takes, learning the prior's sizes and linear algebra too, in units of its simulations: 1.15 to 1.9 on development clips."""
 
 
 @dataclass(frozen=True)

@@ -123,8 +123,7 @@ def test_a_sudden_change_of_the_force_is_named():
     found = recover(body, RUBBER, points(body, x), FPS, WEIGHTLESS, NoProgress())
     assert relative(found.force_density[[3, 4, 15, 16]], RUBBER.density * wind[[3, 4, 15, 16]]) < 0.2
     assert any(f"frame {frame} " in note for note in found.notes for frame in (9, 10, 11))
-    there, elsewhere = found.deviation[9:11].min(axis=(0, 1)), found.deviation[[2, 3, 16, 17]].max(axis=(0, 1))
-    assert (there > 1.4 * elsewhere).all()  # and not known there
+    assert found.deviation[9:11].min() > 2.0 * found.deviation[[2, 3, 16, 17]].max()  # and not known there
 
 
 def test_a_kick_that_is_smoothed_over_a_whole_short_clip_is_not_known():

@@ -14,8 +14,9 @@ import numpy as np
 from ..kernels.carry import STATE
 from ..kernels.native import aligned_copy, aligned_zeros
 
-LEAST = 1e-4
-"""Singular values below this share of the largest one are dropped: a motion of a metre that is wrong by a tenth of a millimetre."""
+LEAST = 1e-5
+"""Singular values below this share of the largest one are dropped: a motion of a metre that is wrong by a hundredth of a millimetre."""
+
 
 WORTH = 0.7
 """Mixtures are carried once there are fewer of them than this share of the directions; else mixing costs more than it saves."""

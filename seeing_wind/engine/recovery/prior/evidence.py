@@ -1,38 +1,31 @@
 """Hyperparameters of the prior by type-II maximum likelihood on the linearised problem.
 
-With unknowns theta ~ N(0, K), K the prior's covariance, whitened residuals linear in them, N = J'J and b = J'(J theta - r),
+With unknowns ~ N(0, K), K the prior's covariance, and whitened residuals linear in them, J'J = R'R and z = R^-T J'(J theta - r), z is
+N(0, I + R K R'), so
 
-    2 log evidence = log |K^-1| - log |K^-1 + N| + b' m + constant        m = (K^-1 + N)^-1 b, the posterior's mean
+    -2 log evidence = log |I + R K R'| + z' (I + R K R')^-1 z + constant
 
-(MacKay 1992, "Bayesian interpolation"; Rasmussen and Williams 2006, section 5.4.1). With P = (K^-1 + N)^-1 and alpha = K^-1 m, it changes
-along dK by half of
-
-    tr (K^-1 (P + m m') K^-1 - K^-1) dK
-
-K is a Kronecker product of the modes' correlation at the knots and the components' covariance C, and so is its inverse: all that is as
-large as the unknowns is one Cholesky factor and one inverse. Newton's steps are taken with the *average information*, the mean of the
-observed and the expected one (Gilmour, Thompson and Cullis 1995),
-
-    alpha' dK_i (N - N P N) dK_j alpha / 2
-
-which takes no more than products with vectors, and with weak hyperpriors, which keep the hyperparameters finite where the clip does not
-determine them.
+(MacKay 1992, "Bayesian interpolation"; Rasmussen and Williams 2006, section 5.4.1). Weak hyperpriors
+keep the hyperparameters finite where the clip does not determine them.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
 from functools import cache
+from typing import Any
 
 import numpy as np
-from scipy.linalg import cho_solve, lapack
+import torch
 
+from ...field.torch_threads import torch_threads
+from ...mpm.compiler.device import cores
 from ..solve.constants import PACE
 from ..solve.gauss_newton import Linearisation
 from ..targets.objective import Objective
 from .constants import PRIOR
-from .kernel import Kernel, Places, Prior
+from .kernel import Kernel, Prior
 
 ITERATIONS = 25
 HYPERPRIORS = {
@@ -42,143 +35,24 @@ HYPERPRIORS = {
     "slope": (PRIOR.slope, PRIOR.part_spread),
 }
 """Log-normal hyperpriors: median, and standard deviation of the logarithm."""
-LONGEST = 2.0
-"""Step of any one logarithm at a time: beyond, the information at its beginning says nothing of its end."""
-SHORTER = 0.1
-"""Share of a step, at least, that is tried after one that gains nothing."""
+ROUNDING = 1e-11
+"""Added to the diagonal of a covariance, relative to its mean, to keep it positive definite in double precision."""
+LOG_LIMIT = 30.0
+"""Largest absolute logarithm of a hyperparameter that the line search may try."""
 COARSE_STRIDE = 3
 """Every so many of the mismatch factors are tried first, then those near the best."""
+PARALLEL_FROM = 250
+"""Number of data directions above which torch uses all cores; below, starting the threads costs more than it saves."""
 INFORMATIVE = 1e-4
-"""Variance that the prior gives to the whitened data in all, relative to the noise, below which they tell nothing of its sizes."""
+"""Directions of the whitened data to which the prior gives less variance than this, relative to the noise, are left out."""
 SMALLEST = 1e-12
-"""Added to the diagonal of J'J, relative to its largest entry: rounding may have left it none where the data do not separate unknowns."""
-
-
-@dataclass(frozen=True)
-class Evidence:
-    """What the linearised problem says of the hyperparameters. The prior's stretch penalty is no part of it."""
-
-    places: Places
-    velocity: np.ndarray
-    """(V,) standard deviations of the initial velocities [m/s]."""
-    normal: np.ndarray
-    """(n, n) J'J of the whitened residuals."""
-    pull: np.ndarray
-    """(n,) J'(J theta - r) at the linearisation point theta."""
-
-    def tells(self, kernel: Kernel) -> bool:
-        """Whether the data depend on the unknowns at all, if these are as large as the hyperparameters say."""
-        size = 3 * self.places.count
-        field = np.kron(self.places.covariance(kernel), kernel.covariance)
-        velocities = self.normal.diagonal()[size:] @ self.velocity**2
-        return float((self.normal[:size, :size] * field).sum() + velocities) > INFORMATIVE
-
-    def log(self, kernel: Kernel) -> float:
-        """The logarithm of the evidence, without the constant."""
-        return self.along(kernel, np.zeros((0, 3, 3)))[0]
-
-    def along(self, kernel: Kernel, directions: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
-        """`log`, its derivatives (4 + D,) and the average information (4 + D, 4 + D), by log L, log tau, log u, log w and along
-        directions (D, 3, 3) of C."""
-        count, size = self.places.count, 3 * self.places.count
-        correlation, slopes = self.places.with_slopes(kernel)
-        modes, log_modes, _ = _inverse(correlation)
-        components, log_components, _ = _inverse(kernel.covariance)
-        precision = self.normal + SMALLEST * float(self.normal.diagonal().max()) * np.eye(len(self.normal))
-        precision[:size, :size] += np.kron(modes, components)
-        precision[range(size, len(precision)), range(size, len(precision))] += 1.0 / self.velocity**2
-        posterior, log_precision, upper = _inverse(precision)
-        mean = cho_solve((upper, False), self.pull)
-        value = 0.5 * (float(self.pull @ mean) - log_precision - 3.0 * log_modes - count * log_components)
-
-        field = mean[:size].reshape(count, 3)
-        second = posterior[:size, :size].reshape(count, 3, count, 3) + np.multiply.outer(field, field)
-        by_modes = modes @ np.einsum("iajb,ab->ij", second, components, optimize=True) @ modes - 3.0 * modes
-        by_components = components @ np.einsum("iajb,ij->ab", second, modes) @ components - count * components
-        gradient = 0.5 * np.concatenate([np.tensordot(slopes, by_modes, 2), np.tensordot(directions, by_components, 2)])
-
-        alpha = modes @ field @ components
-        moved = np.concatenate([slopes @ alpha @ kernel.covariance, correlation @ alpha @ directions]).reshape(-1, size)
-        seen = self.normal[:, :size] @ moved.T
-        information = 0.5 * (moved @ seen[:size] - seen.T @ cho_solve((upper, False), seen))
-        return value, gradient, 0.5 * (information + information.T)
-
-
-def _inverse(matrix: np.ndarray) -> tuple[np.ndarray, float, np.ndarray]:
-    """Of a symmetric positive definite matrix (n, n) its inverse, the logarithm of its determinant, and its upper Cholesky factor."""
-    upper = np.linalg.cholesky(matrix).T  # in the order of Fortran, as LAPACK wants it
-    inverse, failed = lapack.dpotri(upper, lower=0)
-    assert not failed, "what has a Cholesky factor has an inverse"
-    inverse = np.triu(inverse)
-    inverse += np.triu(inverse, 1).T
-    return inverse, 2.0 * float(np.log(upper.diagonal()).sum()), upper
-
-
-@dataclass(frozen=True)
-class _Sizes:
-    """The hyperparameters as numbers without bounds: log L, log tau, log u, log w, and of the factor A of C = root A A' root' the
-    logarithms of its diagonal, then the rest over it."""
-
-    root: np.ndarray
-    """(3, 3)."""
-
-    def of(self, kernel: Kernel) -> np.ndarray:
-        """(10,)."""
-        factor = np.linalg.solve(self.root, np.linalg.cholesky(kernel.covariance))
-        diagonal = np.diag(factor)
-        below = (factor / diagonal)[BELOW]
-        return np.concatenate([np.log([kernel.length, kernel.duration, kernel.uniform, kernel.slope]), np.log(diagonal), below])
-
-    def kernel(self, sizes: np.ndarray) -> Kernel:
-        """From (10,)."""
-        factor = self.root @ _factor(sizes)
-        return Kernel(factor @ factor.T, *np.exp(sizes[:4]).tolist())
-
-    def directions(self, sizes: np.ndarray) -> np.ndarray:
-        """(6, 3, 3) in which C changes with the last six."""
-        factor, changed = _factor(sizes), np.zeros((6, 3, 3))
-        for axis in range(3):
-            changed[axis, :, axis] = factor[:, axis]
-        for number, (row, column) in enumerate(zip(*BELOW)):
-            changed[3 + number, row, column] = factor[column, column]
-        half = self.root @ changed @ (self.root @ factor).T
-        return half + half.transpose(0, 2, 1)
-
-
-BELOW = np.tril_indices(3, -1)
-
-
-def _factor(sizes: np.ndarray) -> np.ndarray:
-    """A (3, 3) of `_Sizes`."""
-    factor = np.eye(3)
-    factor[BELOW] = sizes[7:]
-    return factor * np.exp(sizes[4:7])
-
-
-def _hyperprior() -> tuple[np.ndarray, np.ndarray]:
-    """Mean (10,) and precision (10, 10) of `_Sizes`. Of C it constrains the shape, root root', but not the scale."""
-    medians, spreads = np.array(list(HYPERPRIORS.values())).T
-    mean, precision = np.concatenate([np.log(medians), np.zeros(6)]), np.zeros((10, 10))
-    precision[range(4), range(4)] = spreads**-2
-    precision[4:7, 4:7] = (np.eye(3) - 1.0 / 3.0) / PRIOR.component_spread**2
-    precision[7:, 7:] = np.eye(3) / PRIOR.component_spread**2
-    return mean, precision
-
-
-def _corrected(curvature: np.ndarray, step: np.ndarray, turned: np.ndarray) -> np.ndarray:
-    """A curvature (n, n) by which a step (n,) changes the gradient by `turned` (n,), as it did: the update of Broyden, Fletcher, Goldfarb
-    and Shanno. The average information alone overshoots, as it knows nothing of how the covariance bends with its sizes."""
-    if not step @ turned > 0.0:
-        return curvature
-    along = curvature @ step
-    corrected: np.ndarray = curvature + np.outer(turned, turned) / (step @ turned) - np.outer(along, along) / (step @ along)
-    return corrected
+"""Added to the diagonal of J'J, relative to its largest entry, as J'J is singular where the data do not separate unknowns."""
 
 
 def maximise_evidence(
     prior: Prior, normal: np.ndarray, pull: np.ndarray, component: np.ndarray | None = None, check: Callable[[], None] = lambda: None
 ) -> Kernel:
-    """The hyperparameters of greatest evidence, by damped Newton steps.
+    """The hyperparameters of greatest evidence, by L-BFGS.
 
     Args:
         prior: the starting point. Its stretch penalty is ignored: it would shrink the sizes, and smaller sizes would strengthen it.
@@ -187,38 +61,103 @@ def maximise_evidence(
         component: (3, 3) expected shape of the covariance of the force's components; None for isotropic.
         check: called at every evaluation; may raise to cancel.
     """
-    evidence = Evidence(prior.places, prior.velocity, normal, pull)
-    if not evidence.tells(prior.kernel):
+    size = len(normal) - len(prior.velocity)
+    R, z = _informative_directions(prior, normal, pull)
+    if not len(z):
         return prior.kernel
+    velocity = R[:, size:] @ torch.diag(torch.from_numpy(prior.velocity**2)) @ R[:, size:].T
+    by_component = R[:, :size].reshape(len(R), -1, 3)
     shape = np.eye(3) if component is None else component
-    as_numbers, (expected, precision) = _Sizes(np.linalg.cholesky(shape)), _hyperprior()
+    root = torch.from_numpy(np.linalg.cholesky(shape))
+    parameters = _pack(prior.kernel, root.numpy()).requires_grad_(True)
+    begin = parameters.detach().clone()
+    optimiser = torch.optim.LBFGS(
+        [parameters], max_iter=ITERATIONS, history_size=8, line_search_fn="strong_wolfe", tolerance_change=PACE.evidence_tolerance
+    )
 
-    def cost(sizes: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
-        """Penalty minus the logarithm of the evidence, its gradient (10,) and curvature (10, 10)."""
+    def objective() -> torch.Tensor:
+        """Penalty minus the logarithm of the evidence, with its derivative."""
         check()
-        value, gradient, information = evidence.along(as_numbers.kernel(sizes), as_numbers.directions(sizes))
-        held = precision @ (sizes - expected)
-        return 0.5 * float((sizes - expected) @ held) - value, held - gradient, information + precision
+        optimiser.zero_grad()
+        factor, sizes = _unpack(parameters)
+        correlation = prior.places.correlation(*sizes)
+        turned = (by_component @ (root @ factor)).unbind(dim=2)
+        field = sum(part @ correlation @ part.T for part in turned)
+        value = _penalty(parameters) - log_evidence(field + velocity, z)
+        value.backward()
+        return value
 
-    sizes = as_numbers.of(prior.kernel)
-    value, gradient, curvature = cost(sizes)
-    for _ in range(ITERATIONS):
-        step = -np.linalg.solve(curvature, gradient)
-        if -0.5 * gradient @ step < PACE.evidence_tolerance:
-            break
-        step /= max(1.0, float(np.abs(step).max()) / LONGEST)
-        found = cost(sizes + step)
-        while not found[0] < value and -gradient @ step > PACE.evidence_tolerance:
-            slope = gradient @ step  # to the lowest point of the parabola through both values, or some of the way
-            step *= max(SHORTER, -0.5 * slope / (found[0] - value - slope))
-            found = cost(sizes + step)
-        if not found[0] < value:
-            break
-        turned = found[1] - gradient
-        sizes, (value, gradient, curvature) = sizes + step, found
-        curvature = _corrected(curvature, step, turned)
-    kernel = as_numbers.kernel(sizes)
-    return replace(kernel, covariance=kernel.covariance + PRIOR.component_floor * np.trace(kernel.covariance) / np.trace(shape) * shape)
+    with torch_threads(cores() if len(z) > PARALLEL_FROM else 1):
+        optimiser.step(objective)
+    found = parameters.detach() if bool(torch.isfinite(parameters).all()) else begin
+    factor, sizes = _unpack(found)
+    covariance = (root @ factor @ factor.T @ root.T).numpy()
+    covariance += PRIOR.component_floor * np.trace(covariance) / np.trace(shape) * shape
+    return Kernel(covariance, *(float(value) for value in sizes))
+
+
+def _informative_directions(prior: Prior, normal: np.ndarray, pull: np.ndarray) -> tuple[torch.Tensor, torch.Tensor]:
+    """R (k, n) and z (k,), restricted to the directions in which the prior is not small against the noise."""
+    floor = SMALLEST * float(normal.diagonal().max())
+    root = torch.linalg.cholesky(torch.from_numpy(normal + floor * np.eye(len(normal))))
+    z = torch.linalg.solve_triangular(root, torch.from_numpy(pull)[:, None], upper=False)[:, 0]
+    R, size = root.T.numpy(), len(normal) - len(prior.velocity)
+    field = R[:, :size] @ np.kron(prior.places.covariance(prior.kernel), prior.kernel.covariance) @ R[:, :size].T
+    signal, turn = torch.linalg.eigh(torch.from_numpy(field + (R[:, size:] * prior.velocity**2) @ R[:, size:].T))
+    informative = turn[:, signal > INFORMATIVE].T
+    return informative @ root.T, informative @ z
+
+
+def _pack(kernel: Kernel, root: np.ndarray) -> torch.Tensor:
+    """log L, log tau, log u, log w, and of the factor A of C = root A A' root' the logarithms of its diagonal, then the rest over it."""
+    factor = np.linalg.solve(root, np.linalg.cholesky(kernel.covariance))
+    diagonal = np.diag(factor)
+    below = (factor / diagonal)[np.tril_indices(3, -1)]
+    sizes = [kernel.length, kernel.duration, kernel.uniform, kernel.slope]
+    return torch.from_numpy(np.concatenate([np.log(sizes), np.log(diagonal), below]))
+
+
+def _unpack(parameters: torch.Tensor) -> tuple[torch.Tensor, tuple[torch.Tensor, ...]]:
+    """A, and L, tau, u, w."""
+    count = len(HYPERPRIORS)
+    sizes = torch.exp(parameters[: count + 3].clamp(-LOG_LIMIT, LOG_LIMIT))
+    below = torch.zeros(3, 3, dtype=parameters.dtype).index_put(tuple(torch.tril_indices(3, 3, -1)), parameters[count + 3 :])
+    factor = (torch.eye(3, dtype=parameters.dtype) + below) @ torch.diag(sizes[count:])
+    return factor, sizes[:count].unbind()
+
+
+def _penalty(parameters: torch.Tensor) -> torch.Tensor:
+    """Negative log hyperprior. Of C it constrains the shape, root root', but not the scale."""
+    total = torch.zeros((), dtype=parameters.dtype)
+    for value, (median, spread) in zip(parameters, HYPERPRIORS.values()):
+        total = total + 0.5 * ((value - math.log(median)) / spread) ** 2
+    diagonal, below = parameters[len(HYPERPRIORS) :].split((3, 3))
+    return total + 0.5 * (((diagonal - diagonal.mean()) ** 2).sum() + (below**2).sum()) / PRIOR.component_spread**2
+
+
+class _LogEvidence(torch.autograd.Function):
+    """Of z (n,) under N(0, S), without the constant. Its derivative by S, (S^-1 z z' S^-1 - S^-1) / 2, costs one inverse; that of the
+    steps on the way, which automatic differentiation would take, several."""
+
+    @staticmethod
+    def forward(context: Any, S: torch.Tensor, z: torch.Tensor) -> torch.Tensor:
+        factor = torch.linalg.cholesky(S)
+        inverse = torch.cholesky_inverse(factor)
+        solved = torch.cholesky_solve(z[:, None], factor)[:, 0]
+        context.save_for_backward(inverse, solved)
+        return -torch.log(torch.diagonal(factor)).sum() - 0.5 * (z @ solved)
+
+    @staticmethod
+    def backward(context: Any, *gradients: Any) -> Any:
+        inverse, solved = context.saved_tensors
+        return 0.5 * gradients[0] * (torch.outer(solved, solved) - inverse), None
+
+
+def log_evidence(covariance: torch.Tensor, z: torch.Tensor) -> torch.Tensor:
+    # A line search may try sizes so large that the unit matrix is lost in rounding.
+    floor = 1.0 + ROUNDING * torch.diagonal(covariance).mean()
+    value: torch.Tensor = _LogEvidence.apply(covariance + floor * torch.eye(len(z), dtype=z.dtype), z)
+    return value
 
 
 def mismatch_scale(prior: Prior, objective: Objective, point: Linearisation, scales: Sequence[float]) -> float:
@@ -238,9 +177,10 @@ def mismatch_scale(prior: Prior, objective: Objective, point: Linearisation, sca
         other = objective.mismatched(scales[index])
         white = other.whiten(raw).astype(np.float64)
         jacobian, data = white[:-1], white[-1]
-        pull, root = jacobian @ data, np.linalg.cholesky(precision + jacobian @ jacobian.T)
-        explained = float(pull @ cho_solve((root.T, False), pull))
-        volume = float(np.log(root.diagonal()).sum()) - other.log_volume
+        pull = torch.from_numpy(jacobian @ data)
+        factor = torch.linalg.cholesky(torch.from_numpy(precision + jacobian @ jacobian.T))
+        explained = float(pull @ torch.cholesky_solve(pull[:, None], factor)[:, 0])
+        volume = float(torch.log(torch.diagonal(factor)).sum()) - other.log_volume
         return 0.5 * (explained - float(data @ data)) - volume
 
     best = max(range(0, len(scales), COARSE_STRIDE), key=evidence)

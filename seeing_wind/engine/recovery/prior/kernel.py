@@ -16,6 +16,7 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+import torch
 
 from ...field.confidence import farthest_points
 from .basis import SpatialBasis, hats
@@ -51,10 +52,8 @@ class Places:
     """(M, S): values at sample particles -> modes."""
     squared: np.ndarray
     """(K, S, K, S) squared distances over the body's radius squared."""
-    level: np.ndarray
-    """(K, M, K, M) covariance of the modes of a uniform field that does not change."""
-    sloped: np.ndarray
-    """(K, M, K, M) that of a linear one, whose covariance is y.y', y the places as seen from the body's centre at their time, in radii."""
+    aligned: np.ndarray
+    """(K, S, K, S) y.y', products of places as seen from the body's centre at their time, over the body's radius squared."""
     at: np.ndarray
     """(K,) times of the knots [frames]."""
 
@@ -63,66 +62,32 @@ class Places:
         """From the particles' path (T+1, N, 3) [m] in a simulation near the truth, with knots at the times `at` (K,) [frames]."""
         count = min(len(basis.phi), max(40, SAMPLES_PER_MODE * basis.phi.shape[1]))
         some = farthest_points(path[0], count)
-        project = np.linalg.pinv(basis.phi[some])
         x = path[np.minimum(np.rint(at).astype(int), len(path) - 1)] / basis.radius
-        y = project @ (x - x.mean(axis=1, keepdims=True))[:, some]  # (K, M, 3)
+        y = (x - x.mean(axis=1, keepdims=True))[:, some].reshape(-1, 3)
         x = (x[:, some] - x.mean(axis=(0, 1))).reshape(-1, 3)
         squared = np.maximum((x**2).sum(axis=1)[:, None] + (x**2).sum(axis=1)[None, :] - 2.0 * x @ x.T, 0.0)
-        ones = np.broadcast_to(project.sum(axis=1), y.shape[:2])
-        level, sloped = np.multiply.outer(ones, ones), np.einsum("kmi,lni->kmln", y, y)
-        return Places(project, squared.reshape(len(at), count, len(at), count), level, sloped, at)
-
-    @property
-    def count(self) -> int:
-        """K M, the modes at all knots."""
-        return len(self.at) * len(self.project)
+        shape = (len(at), count, len(at), count)
+        return Places(np.linalg.pinv(basis.phi[some]), squared.reshape(shape), (y @ y.T).reshape(shape), at)
 
     def covariance(self, kernel: Kernel) -> np.ndarray:
         """(K M, K M) correlation of the modes at the knots; the components' covariance C is apart."""
-        in_space = self._in_space(kernel, self._projected(np.exp(-0.5 / kernel.length**2 * self.squared)))
-        return self._firm(in_space * over_time(self.at, kernel.duration)[:, None, :, None])
+        sizes = (torch.tensor(size, dtype=torch.float64) for size in (kernel.length, kernel.duration, kernel.uniform, kernel.slope))
+        return self.correlation(*sizes).numpy()
 
-    def with_slopes(self, kernel: Kernel) -> tuple[np.ndarray, np.ndarray]:
-        """`covariance` and its derivatives (4, K M, K M) by log L, log tau, log u and log w."""
-        whole = 1.0 + kernel.uniform + kernel.slope
-        bending = np.exp(-0.5 / kernel.length**2 * self.squared)
-        in_space = self._in_space(kernel, self._projected(bending))
-        bending *= self.squared
-        time, sooner = (one[:, None, :, None] for one in (over_time(self.at, kernel.duration), _over_time_slope(self.at, kernel.duration)))
-        slopes = (
-            self._projected(bending) / (whole * kernel.length**2) * time,
-            in_space * sooner,
-            kernel.uniform / whole * (self.level - in_space) * time,
-            kernel.slope / whole * (self.sloped - in_space) * time,
-        )
-        return self._firm(in_space * time), np.stack([self._firm(one) for one in slopes])
-
-    def _projected(self, covariance: np.ndarray) -> np.ndarray:
-        """Of the sample particles (K, S, K, S) -> of the modes (K, M, K, M)."""
-        knots, samples = covariance.shape[:2]
-        right = (covariance.reshape(-1, samples) @ self.project.T).reshape(knots, samples, -1)
-        return (self.project @ right).reshape(knots, -1, knots, len(self.project))
-
-    def _in_space(self, kernel: Kernel, bending: np.ndarray) -> np.ndarray:
-        """(K, M, K, M) covariance but for what time does to it, from its nonlinear part."""
-        return (kernel.uniform * self.level + kernel.slope * self.sloped + bending) / (1.0 + kernel.uniform + kernel.slope)
-
-    def _firm(self, covariance: np.ndarray) -> np.ndarray:
-        """(K, M, K, M) -> (K M, K M), symmetric, with JITTER: linear, so that derivatives are made firm likewise."""
-        matrix = covariance.reshape(self.count, self.count)
-        return 0.5 * (matrix + matrix.T) + JITTER * np.trace(matrix) / self.count * np.eye(self.count)
+    def correlation(self, length: torch.Tensor, duration: torch.Tensor, uniform: torch.Tensor, slope: torch.Tensor) -> torch.Tensor:
+        """`covariance`, differentiable in the sizes."""
+        project, modes = torch.from_numpy(self.project), len(self.at) * len(self.project)
+        bending = torch.exp(-0.5 * torch.from_numpy(self.squared) / length**2)
+        in_space = (uniform + slope * torch.from_numpy(self.aligned) + bending) / (1.0 + uniform + slope)
+        both = in_space * over_time(self.at, duration)[:, None, :, None]
+        matrix = torch.einsum("ms,ksln->kmln", project, both @ project.T).reshape(modes, modes)
+        return 0.5 * (matrix + matrix.T) + JITTER * torch.trace(matrix) / modes * torch.eye(modes, dtype=torch.float64)
 
 
-def over_time(at: np.ndarray, duration: float) -> np.ndarray:
+def over_time(at: np.ndarray, duration: torch.Tensor) -> torch.Tensor:
     """Correlation (K, K) of the field at the times `at` (K,) [frames]."""
-    lag = math.sqrt(5.0) * np.abs(at[:, None] - at[None, :]) / duration
-    return (PRIOR.steady + (1.0 + lag + lag**2 / 3.0) * np.exp(-lag)) / (1.0 + PRIOR.steady)
-
-
-def _over_time_slope(at: np.ndarray, duration: float) -> np.ndarray:
-    """Derivative (K, K) of `over_time` by log tau."""
-    lag = math.sqrt(5.0) * np.abs(at[:, None] - at[None, :]) / duration
-    return lag**2 * (1.0 + lag) / 3.0 * np.exp(-lag) / (1.0 + PRIOR.steady)
+    lag = math.sqrt(5.0) * torch.from_numpy(np.abs(at[:, None] - at[None, :])) / duration
+    return (PRIOR.steady + (1.0 + lag + lag**2 / 3.0) * torch.exp(-lag)) / (1.0 + PRIOR.steady)
 
 
 @dataclass(frozen=True)
@@ -139,7 +104,7 @@ class Prior:
     @property
     def count(self) -> int:
         """Number of unknowns: coefficients and initial velocities."""
-        return 3 * self.places.count + len(self.velocity)
+        return 3 * len(self.places.at) * len(self.places.project) + len(self.velocity)
 
     def deviation(self) -> np.ndarray:
         """(n,) standard deviations of the unknowns, leaving `stretch` out."""
@@ -168,7 +133,7 @@ class Prior:
         count = len(self.places.at)
         modes = self.places.covariance(self.kernel).reshape(count, len(self.places.project), count, -1)
         space = np.einsum("kmkn->kmn", modes)
-        time = over_time(self.places.at, self.kernel.duration)
+        time = over_time(self.places.at, torch.tensor(self.kernel.duration, dtype=torch.float64)).numpy()
         extra = stretch_precision(rows, time, space, self.kernel.covariance, share)
         return replace(self, stretch=extra if self.stretch is None else self.stretch + extra)
 

@@ -167,12 +167,12 @@ class BlockSolver:
         A stiffness that the clip does not tell goes back to the one given. Returns the forward model with the stiffness that was found,
         the solution, and the Jacobians used on the way.
         """
-        used, self.joint, linearised, slopes = 0, None, self.stiffness.q, None
+        used, self.joint, linearised = 0, None, self.stiffness.q
         if not self.stiffness.free or track_misfit(self.objective, self.basis.up_to(2).phi, solution.residual) > PACE.stiffness_lost:
             rounds = 0
         for _ in range(rounds):
             before = self.stiffness
-            about = partial(Joint.about, forward, self.particles, self.objective, prior.precision(), solution, before, slopes)
+            about = partial(Joint.about, forward, self.particles, self.objective, prior.precision(), solution, before)
             joint = self.journal.once("joint", Joint, about, solution.theta, before)
             known = before.at(before.q, joint.covariance).known
             after = before.q + shortened(joint.step()) if known else before.expected.copy()
@@ -188,10 +188,9 @@ class BlockSolver:
             self.stiffness, forward, theta = changed
             self.joint = joint
             kept = np.all(np.abs(self.stiffness.q - linearised) <= PACE.stiffness_kept * np.array(PACE.stiffness_steps))
-            point, slopes = (solution.point, joint.slopes) if kept else (None, None)
+            point = solution.point if kept else None
             solution = self.solve(forward, prior, theta, 1, (done, done), "Finding the stiffness", point=point, tolerance=tolerance)
-            if solution.iterations:
-                linearised, slopes = self.stiffness.q, None
+            linearised = self.stiffness.q if solution.iterations else linearised
             used += solution.iterations
             wanted = after - before.q  # not what was taken of it: a step cut short says that more is to come
             if wanted @ np.linalg.solve(joint.covariance, wanted) < PACE.stiffness_settled**2 or not known:

@@ -175,31 +175,21 @@ class Joint:
     """(n + 4,) right side, its sign turned."""
     prior: np.ndarray
     """(4, 4) Q."""
-    slopes: np.ndarray
-    """(m, 4) C."""
 
     @staticmethod
     def about(
-        forward: Forward, body: Particles, objective: Objective, precision: np.ndarray, solution: Solution, there: Stiffness,
-        slopes: np.ndarray | None = None,
-    ) -> Joint:  # fmt: skip
-        """About theta of `solution` and the body of `forward`, which has the stiffness and clamp of `there`.
-
-        Args:
-            precision: P (n, n).
-            slopes: C (m, 4), if it was found nearby and still serves.
-        """
+        forward: Forward, body: Particles, objective: Objective, precision: np.ndarray, solution: Solution, there: Stiffness
+    ) -> Joint:
+        """About theta of `solution` and the body of `forward`, which has the stiffness and clamp of `there`. precision: P (n, n)."""
 
         def white(dq: np.ndarray) -> np.ndarray:
             return forward.journal.array("white", partial(_white, forward, body, objective, solution.theta, dq), solution.theta, dq)
 
         here = solution.residual.astype(np.float64)
-        if slopes is None:
-            slopes = np.stack([(white(step) - here) / step.sum() for step in np.diag(PACE.stiffness_offsets)], axis=1)
-        C = slopes
+        C = np.stack([(white(step) - here) / step.sum() for step in np.diag(PACE.stiffness_offsets)], axis=1)
         jacobian = solution.point.jacobian.astype(np.float64)
         pull = np.concatenate([jacobian @ here + precision @ solution.theta, C.T @ here + there.precision @ (there.q - there.expected)])
-        return Joint(solution.point.normal + precision, jacobian @ C, C.T @ C + there.precision, pull, there.precision, C)
+        return Joint(solution.point.normal + precision, jacobian @ C, C.T @ C + there.precision, pull, there.precision)
 
     @property
     def _count(self) -> int:
