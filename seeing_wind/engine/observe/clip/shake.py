@@ -47,6 +47,23 @@ def surrounding_corners(gray: np.ndarray, around: np.ndarray, apart: float) -> n
     return corners if span.max() >= LEAST_SPAN else None
 
 
+def there_and_back(
+    first: np.ndarray, gray: np.ndarray, corners: np.ndarray, places: np.ndarray, close: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Where `corners` (K, 1, 2) [px] of the gray frame `first` are in `gray` (H, W) uint8, sought from `places` (K, 1, 2) on, and which of
+    them come back to within `close` [px] if they are followed back again, (K,) bool."""
+
+    def flow(before: np.ndarray, after: np.ndarray, here: np.ndarray, there: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        found, seen, _ = cv2.calcOpticalFlowPyrLK(
+            before, after, here, there.copy(), winSize=(21, 21), maxLevel=3, flags=cv2.OPTFLOW_USE_INITIAL_FLOW
+        )
+        return found, seen.ravel() > 0
+
+    moved, seen = flow(first, gray, corners, places)
+    back, again = flow(gray, first, moved, moved + (corners - places))
+    return moved, seen & again & (np.linalg.norm((back - corners).reshape(-1, 2), axis=1) < close)
+
+
 def camera_turns(frames: Frames, camera: Camera, around: np.ndarray, progress: Progress, journal: Journal) -> np.ndarray | None:
     """Rotations (T+1, 3, 3) from each frame's camera axes to those of frame 0; None when turns do not explain the motion.
 
@@ -66,9 +83,7 @@ def camera_turns(frames: Frames, camera: Camera, around: np.ndarray, progress: P
     for t in range(done + 1, len(frames)):
         progress.check()
         gray = cv2.cvtColor(frames[t], cv2.COLOR_RGB2GRAY)
-        moved, found, _ = cv2.calcOpticalFlowPyrLK(first, gray, corners, None, winSize=(21, 21), maxLevel=3)
-        back, again, _ = cv2.calcOpticalFlowPyrLK(gray, first, moved, None, winSize=(21, 21), maxLevel=3)
-        sure = (found.ravel() > 0) & (again.ravel() > 0) & (np.linalg.norm((back - corners).reshape(-1, 2), axis=1) < 0.5)
+        moved, sure = there_and_back(first, gray, corners, corners, 0.5)
         if sure.sum() < LEAST_CORNERS:
             return None
         here, there = moved.reshape(-1, 2)[sure].astype(np.float64), corners.reshape(-1, 2)[sure].astype(np.float64)

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from ....progress import Progress
-from ...clip.shake import LEAST_CORNERS, LEAST_PART, surrounding_corners
+from ...clip.shake import LEAST_CORNERS, LEAST_PART, surrounding_corners, there_and_back
 from ...clip.stored import Frames, StoredFrames
 
 AT_MOST = 24
@@ -62,17 +62,7 @@ def homography_to(first: np.ndarray, gray: np.ndarray, corners: np.ndarray, plac
 
     `corners` (K, 1, 2) [px] are in the first one; `places` (K, 1, 2): about where they are in the other.
     """
-
-    def flow(before: np.ndarray, after: np.ndarray, here: np.ndarray, there: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Where the points `here` go and whether they are seen, sought from `there` on."""
-        found, seen, _ = cv2.calcOpticalFlowPyrLK(
-            before, after, here, there.copy(), winSize=(21, 21), maxLevel=3, flags=cv2.OPTFLOW_USE_INITIAL_FLOW
-        )
-        return found, seen.ravel() > 0
-
-    moved, seen = flow(first, gray, corners, places)
-    back, again = flow(gray, first, moved, moved + (corners - places))
-    sure = seen & again & (np.linalg.norm((back - corners).reshape(-1, 2), axis=1) < RETURNS)
+    moved, sure = there_and_back(first, gray, corners, places, RETURNS)
     if sure.sum() < LEAST_CORNERS:
         return None
     cv2.setRNGSeed(0)
