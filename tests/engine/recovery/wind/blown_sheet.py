@@ -1,6 +1,8 @@
-"""A small flag in a wind that varies in space and time: moved by our solver with short substeps, the drag by a code of its own."""
+"""A small flag, or a sheet let go, in a wind that varies: moved by our solver with short substeps, the drag by a code of its own."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import numpy as np
 
@@ -30,6 +32,14 @@ def wind(x: np.ndarray, time: float) -> np.ndarray:
     return u
 
 
+def quick_gusts(x: np.ndarray, time: float) -> np.ndarray:
+    """u (V, 3) [m/s] that comes and goes within five or six frames."""
+    u = np.zeros(x.shape)
+    u[:, 0] = 1.0 + 1.2 * np.sin(28.0 * time + x[:, 2])
+    u[:, 1] = 0.8 * np.cos(23.0 * time + x[:, 0])
+    return u
+
+
 def drag(u: np.ndarray, x: np.ndarray, v: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """The law as docs/reference/wind.md states it, face by face."""
     force = np.zeros_like(x)
@@ -43,15 +53,17 @@ def drag(u: np.ndarray, x: np.ndarray, v: np.ndarray, faces: np.ndarray) -> np.n
     return force
 
 
-def blown(noise: float = 0.0) -> dict[str, np.ndarray]:
+def blown(
+    noise: float = 0.0, held: bool = True, air: Callable[[np.ndarray, float], np.ndarray] = wind
+) -> dict[str, np.ndarray]:
     """A trajectory file's arrays, with the wind (T, V, 3) in the middle of each frame as truth."""
     x, faces = mesh()
-    fixed = x[:, 0] < 1e-9
+    fixed = (x[:, 0] < 1e-9) & held
     shell = shell_of(x, faces, Sheet(AREAL, THICKNESS, E * THICKNESS, E * THICKNESS**3 / 12.0, 0.1), pinned=fixed)
     dt = 1.0 / (FPS * SUBSTEPS)
     state, path, winds = at_rest(shell, acceleration=np.broadcast_to(GRAVITY, x.shape), dt=dt), [x], []
     for number in range(FRAMES * SUBSTEPS):
-        u = wind(state.x, (number + 0.5) * dt)
+        u = air(state.x, (number + 0.5) * dt)
         if number % SUBSTEPS == SUBSTEPS // 2:
             winds.append(u)
         state, _ = advance(shell, state, dt=dt, gravity=GRAVITY, load=lambda now, v, frame, u=u: (drag(u, now, v, faces), None))

@@ -24,7 +24,7 @@ from seeing_wind.engine.recovery.wind.sheet.estimate import BREEZE, SheetEstimat
 from seeing_wind.engine.recovery.wind.sheet.observed import observe_sheet
 from seeing_wind.engine.recovery.wind.sheet.problem import SheetProblem, factor_of
 from seeing_wind.engine.recovery.wind.sheet.tension import Tension
-from tests.engine.recovery.wind.blown_sheet import FPS, FRAMES, GRAVITY, blown, mesh
+from tests.engine.recovery.wind.blown_sheet import FPS, FRAMES, GRAVITY, blown, mesh, quick_gusts
 
 
 @pytest.fixture(scope="module")
@@ -127,6 +127,19 @@ def test_a_wind_that_varies_is_found_from_noisy_points(file, tmp_path):
     assert found.unexplained < 0.2
 
 
+def test_quick_gusts_on_a_sheet_let_go_are_told(tmp_path):
+    """They take a knot in every frame, and a law that is trusted as closely as the sheet keeps to it: neither is assumed."""
+    scene = blown(held=False, air=quick_gusts)
+    np.savez(tmp_path / "let_go.npz", **scene)
+    found = field_of(followed(tmp_path / "let_go.npz"), BREEZE, NoProgress())
+    everything = ~scene["fixed"]
+    size, angle = field_errors(scene["wind"], found.velocity, everything)
+    steady = np.broadcast_to(scene["wind"].mean(axis=(0, 1)), scene["wind"].shape)
+    flat_size, flat_angle = field_errors(scene["wind"], steady, everything)
+    assert size < 20.0 < flat_size and angle < 10.0 < flat_angle
+    assert found.law < 0.05
+
+
 def test_a_flat_sheet_stays_flat_at_rest_under_noise_and_a_bent_one_bent():
     x, faces = mesh()
     fixed = x[:, 0] < 1e-9
@@ -182,7 +195,7 @@ def found_wind(cause, doubt):
     velocity = np.broadcast_to([4.0, 0.0, 0.0], (3, 5, 3))
     deviation, nothing = np.full(velocity.shape, doubt * 4.0 / np.sqrt(3.0)), np.zeros(velocity.shape)
     evidence = 9.0 if cause == "wind" else 1.0
-    return SheetEstimate(cause, velocity, deviation, velocity[0, 0], nothing, nothing, nothing, 0.1, evidence, 5, True)
+    return SheetEstimate(cause, velocity, deviation, velocity[0, 0], nothing, nothing, nothing, 0.1, evidence, 5, True, 0.05)
 
 
 @pytest.mark.parametrize("doubt", [0.1, 0.3, 0.9])

@@ -33,8 +33,11 @@ from .valley import Posterior, mixed, walked
 MODES = 6
 """Of the field over the sheet: constant, linear and quadratic."""
 SPACING = 2.0
-"""Frames between the field's knots; longer for clips of more than `MOST_KNOTS`."""
+"""Frames between the field's knots; more for clips that would have more than `MOST_KNOTS`. In others there may be a knot in every frame,
+if that is more probable."""
 MOST_KNOTS = 60
+LAWS = (0.01, 0.02, 0.05, 0.1, 0.2)
+"""Errors of the law, of which the most probable is taken. Less than the first of them no engine's cloth keeps to another's."""
 BREEZE = 2.5
 """Standard deviation of a component of the mean wind before anything is seen [m/s], which makes a gentle breeze, Beaufort 3. A sheet that
 turns little hardly tells a wind across it from a stronger one at a slant, and of these the weaker is more likely."""
@@ -70,6 +73,8 @@ class SheetEstimate:
     """Natural logarithm."""
     iterations: int
     converged: bool
+    law: float
+    """Error of the cause's law, as a part of its force."""
 
     @property
     def doubt(self) -> float:
@@ -106,14 +111,14 @@ def field_of(
     progress.update(0.0, "the forces on the sheet")
     balance, basis = balance_of(follower.shell, follower.seen, follower.gravity), spatial_basis(follower.seen.rest, mass, MODES)
     spacing = max(SPACING, math.ceil(frames / MOST_KNOTS))
-    problem = SheetProblem(balance, follower.cause, basis, hats(frames, spacing), factor_of(balance, balance.seen), progress.check)
+    problem = SheetProblem(balance, follower.cause, basis, hats(frames, spacing), factor_of(balance, balance.seen), check=progress.check)
     progress.update(0.1, "a first wind")
     theta = journal.array("start", lambda: _start(problem, mean))
 
     def run(name: str, theta: np.ndarray, part: Progress) -> _Run:
         gust = max(GUST * float(np.linalg.norm(theta[-3:])), 0.05 * mean)
         prior = Prior(Kernel(gust**2 * np.eye(3)), places_of(basis, follower.seen.x, spacing), np.full(3, mean))
-        return _run(problem, prior, theta, learns, journal, name, part)
+        return _run(problem, prior, theta, follower.seen.x if learns else None, journal, name, part)
 
     runs = [run("", theta, progress.part(0.2, 0.5))]
     if not runs[0].posterior.known:
@@ -137,13 +142,16 @@ class _Run:
 
 
 def _run(
-    problem: SheetProblem, prior: Prior, theta: np.ndarray, learns: bool, journal: Journal, name: str, progress: Progress
+    problem: SheetProblem, prior: Prior, theta: np.ndarray, path: np.ndarray | None, journal: Journal, name: str, progress: Progress
 ) -> _Run:
+    """From unknowns theta (n,) on; path (T+1, V, 3) [m] of a sheet of which more than its field is learnt."""
     used, solution = 0, None
     for number in range(ROUNDS):
         part = progress.part(*((number + side) / ROUNDS for side in (0, 1)))
         if solution is not None:
-            problem, prior = _learn(problem, prior, solution, learns)
+            problem = problem.with_law(problem.law, theta)
+            if path is not None:
+                problem, prior, theta = _learn(problem, prior, theta, path)
         solution = journal.once(f"round {number}{name}", Solution, partial(_solved, problem, prior, theta, part))
         theta, used = solution.theta, used + solution.iterations
     assert solution is not None
@@ -188,14 +196,46 @@ def _solved(problem: SheetProblem, prior: Prior, theta: np.ndarray, progress: Pr
     )  # fmt: skip
 
 
-def _learn(problem: SheetProblem, prior: Prior, solution: Solution, learns: bool) -> tuple[SheetProblem, Prior]:
-    """With the errors of the law that the forces found imply, and the hyperparameters of greatest evidence."""
-    problem = replace(problem, factor=factor_of(problem.balance, problem.forces(solution.theta)))
-    if not learns:
-        return problem, prior
-    point = problem.linearise(solution.theta)
-    pull = point.normal @ solution.theta - point.jacobian @ point.residual
-    return problem, replace(prior, kernel=maximise_evidence(prior, point.normal, pull, None, problem.check))
+def _learn(problem: SheetProblem, prior: Prior, theta: np.ndarray, path: np.ndarray) -> tuple[SheetProblem, Prior, np.ndarray]:
+    """With the error of the law, then the hyperparameters, then the knots of greatest evidence about theta (n,), and theta for these."""
+    problem = _likeliest(problem, prior, theta)
+    prior = _with_kernel(problem, prior, theta)
+    frames, knots = problem.hats.shape
+    if knots == frames or frames > SPACING * MOST_KNOTS:
+        return problem, prior, theta
+    finer = _knotted(problem, prior, theta, path)
+    return max(((problem, prior, theta), finer), key=lambda one: _log_evidence(*one))
+
+
+def _with_kernel(problem: SheetProblem, prior: Prior, theta: np.ndarray) -> Prior:
+    """With the hyperparameters of greatest evidence about theta (n,)."""
+    point = problem.linearise(theta)
+    pull = point.normal @ theta - point.jacobian @ point.residual
+    return replace(prior, kernel=maximise_evidence(prior, point.normal, pull, None, problem.check))
+
+
+def _likeliest(problem: SheetProblem, prior: Prior, theta: np.ndarray) -> SheetProblem:
+    """Among `LAWS`, uphill from the error of the law that the problem has."""
+    best, evidence = problem, _log_evidence(problem, prior, theta)
+    for ahead in (1, -1):
+        place = LAWS.index(best.law) + ahead
+        while 0 <= place < len(LAWS):
+            problem.check()
+            trial = problem.with_law(LAWS[place], theta)
+            reached = _log_evidence(trial, prior, theta)
+            if reached <= evidence:
+                break
+            best, evidence, place = trial, reached, place + ahead
+    return best
+
+
+def _knotted(problem: SheetProblem, prior: Prior, theta: np.ndarray, path: np.ndarray) -> tuple[SheetProblem, Prior, np.ndarray]:
+    """With a knot in every frame of the path (T+1, V, 3) [m]. What falls fast through a steady wind meets one that changes fast."""
+    every = hats(len(path) - 1, 1.0)
+    gusts = np.linalg.pinv(every) @ problem.hats @ theta[:-3].reshape(problem.hats.shape[1], -1)
+    theta = np.concatenate([gusts.ravel(), theta[-3:]])
+    problem = replace(problem, hats=every)
+    return problem, _with_kernel(problem, replace(prior, places=places_of(problem.basis, path, 1.0)), theta), theta
 
 
 def _told(runs: Sequence[_Run], follower: Follower) -> SheetEstimate:
@@ -220,6 +260,7 @@ def _told(runs: Sequence[_Run], follower: Follower) -> SheetEstimate:
         evidence=best.evidence,
         iterations=sum(one.iterations for one in runs),
         converged=best.solution.converged,
+        law=problem.law,
     )
 
 

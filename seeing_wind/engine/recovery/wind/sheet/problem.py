@@ -10,7 +10,7 @@ a long clip, and what is left of them be put down to gusts.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
@@ -21,9 +21,8 @@ from ...solve.gauss_newton import Linearisation
 from .air import Cause
 from .balance import Balance
 
-SHARE = 0.05
-"""Error of the cause's law, as a part of the root mean square of its force in each mode: other drag laws and other engines' cloth differ
-so much."""
+LAW = 0.05
+"""Error of the cause's law to begin with, as a part of the root mean square of its force in each mode."""
 STIFFNESS = 0.5
 """Relative error of the bending stiffness, in each mode apart."""
 LASTS, ALWAYS = 8.0, 0.5
@@ -44,6 +43,8 @@ class SheetProblem:
     """(T, K)."""
     factor: np.ndarray
     """(D, D) lower triangle whose square is the covariance of the residuals."""
+    law: float = LAW
+    """Error of the cause's law that `factor` has."""
     check: Callable[[], None] = lambda: None
 
     def coefficients(self, theta: np.ndarray) -> np.ndarray:
@@ -83,12 +84,16 @@ class SheetProblem:
         jacobian = np.concatenate([by_knot.reshape(data, -1), by_mean.reshape(data, 3)], axis=1)
         return Linearisation.at(theta, self.residual(theta), self._whitened(jacobian).T)
 
+    def with_law(self, law: float, theta: np.ndarray) -> SheetProblem:
+        """The same with another error of the law, a part of the forces at theta (n,)."""
+        return replace(self, law=law, factor=factor_of(self.balance, self.forces(theta), law))
+
     def _whitened(self, values: np.ndarray) -> np.ndarray:
         return solve_triangular(self.factor, values, lower=True, check_finite=False)
 
 
-def factor_of(balance: Balance, forces: np.ndarray) -> np.ndarray:
-    """The lower triangle (D, D) of the residuals' covariance, where the cause makes about the forces (T-1, 3 Q).
+def factor_of(balance: Balance, forces: np.ndarray, law: float = LAW) -> np.ndarray:
+    """The lower triangle (D, D) of the residuals' covariance, where the cause makes the forces (T-1, 3 Q), give or take `law` of them.
 
     Raises:
         SimulationError: for a motion that is not finite.
@@ -96,7 +101,7 @@ def factor_of(balance: Balance, forces: np.ndarray) -> np.ndarray:
     count, data = balance.seen.shape
     lag = np.abs(np.subtract.outer(np.arange(count), np.arange(count)))
     size = np.repeat((forces.reshape(count, -1, 3) ** 2).mean(axis=(0, 2)), 3)
-    law = SHARE**2 * np.maximum(size, LEAST * size.max())
+    off = law**2 * np.maximum(size, LEAST * size.max())
     lasting = ALWAYS + (1.0 - ALWAYS) * np.exp(-lag / LASTS)
     covariance = np.einsum("km,de->kdme", lasting, balance.bent)
     before, here, after = balance.noise[:-2], balance.noise[1:-1], balance.noise[2:]
@@ -105,7 +110,7 @@ def factor_of(balance: Balance, forces: np.ndarray) -> np.ndarray:
         for k, m in {(0, apart), (apart, 0)}:
             covariance[first + k, :, first + m] += values[: len(first)]
     each = np.arange(data)
-    covariance[:, each, :, each] += lasting * law[:, None, None] + STIFFNESS**2 * np.einsum("kd,md->dkm", balance.bending, balance.bending)
+    covariance[:, each, :, each] += lasting * off[:, None, None] + STIFFNESS**2 * np.einsum("kd,md->dkm", balance.bending, balance.bending)
     every = np.arange(count)
     covariance[every, :, every] += balance.hidden
     whole = covariance.reshape(count * data, -1)

@@ -33,7 +33,7 @@ from .estimate import BREEZE, SheetEstimate, field_of, follower_of
 from .following import Follower
 from .observed import Observed, observe_sheet
 
-VERSION = 3
+VERSION = 4
 """Part of the stamp: raise it when the results change."""
 UNTOLD = 0.4
 """Deviation of a wind, relative to its size, from which the sheet does not tell it; and"""
@@ -143,7 +143,7 @@ def choose(
     if against and field == "wind":
         hint = "Use --field force, or check areal density, scale, depth, gravity and what is held."
         raise ObjectError(f"No wind can be recovered. {against}", hint)
-    told: dict[str, Any] = {"field": "wind", "why": "--field wind", **figures(wind, AIR), "doubt": wind.doubt}
+    told: dict[str, Any] = {"field": "wind", "why": "--field wind", **figures(wind, AIR), "doubt": wind.doubt, "error_of_law": wind.law}
     if field == "wind":
         return wind, told | {"notes": _remarks(wind, told)}
     force = estimate(Push(shell), FORCE_MEAN, "force", progress.part(0.5, 1.0))
