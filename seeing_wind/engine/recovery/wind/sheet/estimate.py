@@ -37,7 +37,7 @@ SPACING = 2.0
 if that is more probable."""
 MOST_KNOTS = 60
 LAWS = (0.01, 0.02, 0.05, 0.1, 0.2)
-"""Errors of the law, of which the most probable is taken. Less than the first of them no engine's cloth keeps to another's."""
+"""Errors of the law, of which the most probable is taken. No two engines' cloth agrees more closely than the first."""
 BREEZE = 2.5
 """Standard deviation of a component of the mean wind before anything is seen [m/s], which makes a gentle breeze, Beaufort 3. A sheet that
 turns little hardly tells a wind across it from a stronger one at a slant, and of these the weaker is more likely."""
@@ -226,15 +226,16 @@ def _likeliest(problem: SheetProblem, prior: Prior, theta: np.ndarray) -> SheetP
             if reached <= evidence:
                 break
             best, evidence, place = trial, reached, place + ahead
+        if best is not problem:  # what lies behind was less likely
+            break
     return best
 
 
 def _knotted(problem: SheetProblem, prior: Prior, theta: np.ndarray, path: np.ndarray) -> tuple[SheetProblem, Prior, np.ndarray]:
     """With a knot in every frame of the path (T+1, V, 3) [m]. What falls fast through a steady wind meets one that changes fast."""
-    every = hats(len(path) - 1, 1.0)
-    gusts = np.linalg.pinv(every) @ problem.hats @ theta[:-3].reshape(problem.hats.shape[1], -1)
+    gusts = problem.hats @ theta[:-3].reshape(problem.hats.shape[1], -1)
     theta = np.concatenate([gusts.ravel(), theta[-3:]])
-    problem = replace(problem, hats=every)
+    problem = replace(problem, hats=np.eye(len(problem.hats)))
     return problem, _with_kernel(problem, replace(prior, places=places_of(problem.basis, path, 1.0)), theta), theta
 
 
