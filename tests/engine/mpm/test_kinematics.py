@@ -86,14 +86,14 @@ def test_clamped_nodes_move_as_the_pins_do():
     shift = np.array([0.02, 0.0, 0.01])
     path = np.stack([body.x[body.pinned] + t * shift for t in range(3)])
     model, _ = model_for(body, POST, FPS, pin_path=path)
-    pieces = conditions_for(model, 1)
+    pieces = conditions_for(model, 1, State.at_rest(body.x))
     assert len(pieces) > 5
     for piece in pieces:
         assert piece.clamp.any() and np.allclose(piece.clamp_velocity[piece.clamp != 0], shift * FPS)
     middle = np.mean([piece.offset for piece in pieces], axis=0)
     assert np.allclose(middle, model.offset + 1.5 * shift)
     with_floor, _ = model_for(body, POST, FPS, pin_path=path, colliders=[Plane((0, 0, -0.1), (0, 0, 1))])
-    assert conditions_for(with_floor, 0)[0].planes[0, 4] > 0
+    assert conditions_for(with_floor, 0, State.at_rest(body.x))[0].planes[0, 4] > 0
 
 
 def test_two_held_ends_may_move_against_each_other():
@@ -171,5 +171,5 @@ def test_a_path_that_ends_too_early_names_the_frame():
     path = np.broadcast_to(body.x[body.pinned], (3, body.pinned.sum(), 3))
     model, _ = model_for(body, POST, FPS, pin_path=path)
     with pytest.raises(SimulationError, match="ends at frame 2, before frame 2") as caught:
-        conditions_for(model, 2)
+        conditions_for(model, 2, State.at_rest(body.x))
     assert caught.value.frame == 2

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from seeing_wind.engine.errors import SimulationError
 from seeing_wind.engine.mpm.body import Body
 from seeing_wind.engine.mpm.checks import checked_state
-from seeing_wind.engine.mpm.kernels import substep
 from seeing_wind.engine.mpm.model_for import model_for
 from seeing_wind.engine.mpm.state import State
 from seeing_wind.engine.progress import NoProgress
@@ -27,11 +27,11 @@ def problem(speed=0.0, spread=0.0, substeps=40):
 
 
 def run(model, state, one_by_one, tasks=3, workers=2, force=0.0):
-    """What a frame comes to, the body, and launches of the forward kernel."""
+    """The state after a frame and the frame's run, the body, and launches of the forward kernel."""
     body = Body(model, tasks=tasks, workers=workers)
     launches, launch = [], body.forward_kernel
     body.forward_kernel = lambda *args: (launches.append(args[1]), launch(*args))
-    found = body.attempt(
+    found = body.frame(
         checked_state(model, state), force + np.zeros_like(state.x), None, 0, NoProgress(), lambda substeps: 1 if one_by_one else substeps
     )
     return found, body, launches
@@ -40,8 +40,8 @@ def run(model, state, one_by_one, tasks=3, workers=2, force=0.0):
 @pytest.mark.parametrize("workers", [1, 2, 5])
 def test_all_in_one_launch_and_one_by_one_are_the_same_to_the_bit(workers):
     model, state = problem(speed=1.0, spread=2.0)
-    (single, _, _), _, each = run(model, state, one_by_one=True, workers=workers)
-    (many, _, _), _, launches = run(model, state, one_by_one=False, workers=workers)
+    (single, _), _, each = run(model, state, one_by_one=True, workers=workers)
+    (many, _), _, launches = run(model, state, one_by_one=False, workers=workers)
     assert each == [1] * model.substeps
     assert launches == [1, model.substeps - 1]  # the first leaves the state that is kept alone
     assert all(np.array_equal(getattr(single, name), getattr(many, name)) for name in "xvCF")
@@ -50,8 +50,8 @@ def test_all_in_one_launch_and_one_by_one_are_the_same_to_the_bit(workers):
 def test_a_body_that_outgrows_its_grids_goes_on_in_larger_ones():
     model, state = problem(substeps=120)
     apart = 4e4 * (state.x - state.x.mean(axis=0))
-    (single, _, _), _, _ = run(model, state, one_by_one=True, force=apart)
-    (many, _, _), _, launches = run(model, state, one_by_one=False, force=apart)
+    (single, _), _, _ = run(model, state, one_by_one=True, force=apart)
+    (many, _), _, launches = run(model, state, one_by_one=False, force=apart)
     assert np.ptp(many.x[:, 0]) > 2.0 * np.ptp(state.x[:, 0])
     assert len(launches) > 3  # more than 1, 64 and 55
     assert all(np.array_equal(getattr(single, name), getattr(many, name)) for name in "xvCF")
@@ -61,12 +61,13 @@ def test_the_substep_that_breaks_is_named_and_the_last():
     model, state = problem()
     # Too fast after some twenty substeps, also at half the length.
     pull = model.dx / (model.frame_dt / model.substeps / 2.0) / (0.5 * model.frame_dt)
-    (none, _, single), _, _ = run(model, state, one_by_one=True, force=[pull, 0.0, 0.0])
-    (also_none, _, many), _, _ = run(model, state, one_by_one=False, force=[pull, 0.0, 0.0])
-    assert none is None and also_none is None
-    assert single == many
-    assert single[0] == substep.TOO_FAST
-    assert 20 <= single[2] < 2 * model.substeps - 1
+    said = []
+    for one_by_one in (True, False):
+        with pytest.raises(SimulationError, match="moved more than one grid cell") as caught:
+            run(model, state, one_by_one=one_by_one, force=[pull, 0.0, 0.0])
+        said.append((caught.value.message, caught.value.substep, caught.value.particle))
+    assert said[0] == said[1]
+    assert 20 <= said[0][1] < 2 * model.substeps - 1
 
 
 @pytest.mark.parametrize("tasks", [7, 8])
@@ -75,8 +76,8 @@ def test_bodies_far_apart_need_no_grid_of_the_whole_window_for_every_task(tasks)
     far = replace(body, x=body.x + 0.7)
     model, _ = model_for([body, far], RUBBER, 30.0)
     state = State.at_rest(np.concatenate([body.x, far.x]))
-    (one, _, _), _, _ = run(model, state, one_by_one=False, tasks=1)
-    (many, _, _), found, _ = run(model, state, one_by_one=False, tasks=tasks)
+    (one, _), _, _ = run(model, state, one_by_one=False, tasks=1)
+    (many, _), found, _ = run(model, state, one_by_one=False, tasks=tasks)
     assert np.abs(many.x - one.x).max() < 1e-12 * np.abs(one.x - state.x).max()
     assert len(found.grid) < 2.5 * len(found.velocity)  # a task may hold particles of both
 
@@ -84,5 +85,5 @@ def test_bodies_far_apart_need_no_grid_of_the_whole_window_for_every_task(tasks)
 def test_more_tasks_than_particles_are_as_many_as_particles():
     model, _ = model_for(block((2, 1, 1)), RUBBER, 30.0)
     state = State.at_rest(block((2, 1, 1)).x)
-    (_, frame, status), found, _ = run(model, state, one_by_one=False, tasks=5, workers=3)
-    assert status[0] == substep.RUNNING and found.packing.tasks == found.workers == 2 and frame.substeps == model.substeps
+    (_, frame), found, _ = run(model, state, one_by_one=False, tasks=5, workers=3)
+    assert found.packing.tasks == found.workers == 2 and frame.substeps == model.substeps

@@ -67,28 +67,12 @@ class Body:
             SimulationError: when it breaks both times.
             Cancelled: when the user asked to stop.
         """
-        after, run, status = self.attempt(state, acceleration, gradient, frame, progress, stride, into)
-        if after is None:
-            raise failure(status, frame, run.substeps)
-        return after, run
-
-    def attempt(
-        self,
-        state: State,
-        acceleration: np.ndarray,
-        gradient: np.ndarray | None,
-        frame: int,
-        progress: Progress,
-        stride: Callable[[int], int],
-        into: State | None = None,
-    ) -> tuple[State | None, FrameRun, tuple[int, int, int]]:
-        """As `frame`, with None and a status (code, particle, substep) of `substep` where that raises SimulationError."""
         for substeps in (self.model.substeps, 2 * self.model.substeps):
             run = self.packing.start(state, acceleration, gradient, frame, substeps)
             status = self.advance(run, 0, substeps, stride(substeps), progress)
             if status[0] == substep.RUNNING:
-                return self.packing.unpack(run, run.kept[substeps][0], self.model.offset, state, into), run, status
-        return None, run, status
+                return self.packing.unpack(run, run.kept[substeps][0], self.model.offset, state, into), run
+        raise failure(status, frame, substeps)
 
     # -- forwards -----------------------------------------------------------------------------------------------------------------
 

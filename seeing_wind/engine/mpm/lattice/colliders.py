@@ -20,8 +20,7 @@ from ...errors import SimulationError, UsageError
 from .beside import velocity_at
 from .closed_mesh import signed_volume, triangle_areas
 from .conditions import NONE
-from .contact_kind import KINDS, check_kind
-from .mesh_collider import MeshCollider
+from .mesh_collider import KINDS, MeshCollider, check_kind
 from .signed_distance import closest_on, inside_of, kept_inside_of, node_box
 
 INSET = 0.95

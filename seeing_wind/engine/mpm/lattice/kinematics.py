@@ -90,10 +90,10 @@ def checked_pin_path(pin_path: np.ndarray, x: np.ndarray, pinned: np.ndarray, dx
     return path
 
 
-def conditions_for(model: Model, frame: int, state: State | None = None) -> list[Conditions]:
+def conditions_for(model: Model, frame: int, state: State) -> list[Conditions]:
     """What holds during `frame`: piece i of P from substep i S // P of the frame's S to the next piece's.
 
-    With a `state`, that of its start, colliders that move are sampled only where its particles may come.
+    Colliders that move are sampled only where the particles of `state`, that of its start, may come.
 
     Raises:
         SimulationError: when the path of the pins has no such frame.
@@ -106,7 +106,7 @@ def conditions_for(model: Model, frame: int, state: State | None = None) -> list
     movers = bool(model.movers)
     begun, span = frame + model.part[0] / model.part[1], 1.0 / model.part[1]
     moved = span * max((one.farthest(frame) for one in model.movers if isinstance(one, MeshCollider)), default=0.0)
-    region = None if state is None or not model.movers else _region(model, state, moved)
+    region = _region(model, state, moved) if movers else None
     model = model if region is None else replace(model, movers=within_reach(model.movers, region, frame))
     walls = min(_count(moved, _WALL_LAG * model.dx, model.substeps), _MOST_WALLS)
     if model.pin_path is None or model.pin_rest is None:

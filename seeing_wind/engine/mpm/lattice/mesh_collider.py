@@ -1,4 +1,4 @@
-"""Closed meshes in the way, which stand still or move."""
+"""Closed meshes in the way, which stand still or move; and what happens where matter touches any collider."""
 
 from __future__ import annotations
 
@@ -10,7 +10,10 @@ import numpy as np
 from ...conventions import FARTHEST
 from ...errors import UsageError
 from .closed_mesh import is_closed, signed_volume, triangle_areas, weld
-from .contact_kind import check_kind
+from .conditions import SEPARATE, SLIP, STICKY
+
+KINDS = {"sticky": STICKY, "slip": SLIP, "separate": SEPARATE}
+"""Kinds of contact."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +36,7 @@ class MeshCollider:
     """(V, 3) of the vertices [m/s], of a mesh that is `posed`."""
 
     def __post_init__(self) -> None:
-        """UsageError: see `contact_kind.check_kind`; for a mesh that is open, empty, flat, not finite, or names vertices that it lacks, and
+        """UsageError: see `check_kind`; for a mesh that is open, empty, flat, not finite, or names vertices that it lacks, and
         for a path of other vertices, or one that leads nowhere."""
         check_kind("mesh collider", self.kind, self.friction)
         vertices, faces = np.asarray(self.vertices), np.asarray(self.faces)
@@ -107,3 +110,11 @@ def _checked_path(path: np.ndarray, count: int) -> np.ndarray:
     if not np.isfinite(path).all() or np.abs(path).max() > FARTHEST:
         raise UsageError("The path of a collider's mesh leads nowhere, or too far.", "Check the animation, and the unit: metres.")
     return path.astype(np.float64)
+
+
+def check_kind(what: str, kind: str, friction: float) -> None:
+    """Raises UsageError for an unknown kind, or a friction that is negative or not finite; `what` names the collider."""
+    if kind not in KINDS:
+        raise UsageError(f"The {what} is {kind!r}.", f"Choose one of {', '.join(KINDS)}.")
+    if not (np.isfinite(friction) and friction >= 0.0):
+        raise UsageError(f"The friction of the {what} is {friction}.", "Give a finite number that is not negative; 0 is none.")

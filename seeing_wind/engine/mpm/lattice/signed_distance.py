@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Protocol
 
 import numpy as np
 from scipy.ndimage import distance_transform_edt
 from scipy.spatial import cKDTree
 
 from .closed_mesh import signed_volume, winding_numbers
+from .mesh_collider import MeshCollider
 
 _LOOKED_AT = 6
 """Dots on the surface, the nearest ones to a point, whose triangles are asked for the nearest place."""
@@ -19,23 +19,7 @@ _EXACT = 3.0
 """Cells below the surface down to which distances to it are exact."""
 
 
-class Solid(Protocol):
-    """A closed triangle mesh: `colliders.MeshCollider`. Hashed by identity, as what is sampled of it is kept."""
-
-    @property
-    def vertices(self) -> np.ndarray:
-        """(V, 3) [m]."""
-
-    @property
-    def faces(self) -> np.ndarray:
-        """(M, 3) int."""
-
-    @property
-    def corners(self) -> np.ndarray:
-        """(M, 3, 3) of the triangles that have an area [m]."""
-
-
-def node_box(mesh: Solid, offset: np.ndarray, dx: float, region: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+def node_box(mesh: MeshCollider, offset: np.ndarray, dx: float, region: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
     """First and last node (3,) of those that may lie inside, and in a region (2, 3) [m] if there is one; none where first is past last."""
     low, high = mesh.vertices[mesh.faces.ravel()].min(axis=0), mesh.vertices[mesh.faces.ravel()].max(axis=0)
     if region is not None:
@@ -46,7 +30,7 @@ def node_box(mesh: Solid, offset: np.ndarray, dx: float, region: np.ndarray | No
 
 
 def inside_of(
-    mesh: Solid, first: tuple[int, ...], last: tuple[int, ...], offset: tuple[float, ...], dx: float
+    mesh: MeshCollider, first: tuple[int, ...], last: tuple[int, ...], offset: tuple[float, ...], dx: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Depth [m] below the surface, 0 outside, and the unit way out (..., 3) at nodes first..last."""
     # A ten-thousandth of a cell aside, where no modeller puts an edge: a line along Z through one would count it twice.
@@ -74,7 +58,7 @@ kept_inside_of = lru_cache(maxsize=8)(inside_of)
 """The same, kept for a mesh that is asked again."""
 
 
-def closest_on(mesh: Solid, points: np.ndarray, dx: float) -> tuple[np.ndarray, np.ndarray]:
+def closest_on(mesh: MeshCollider, points: np.ndarray, dx: float) -> tuple[np.ndarray, np.ndarray]:
     """The place (P, 3) of the surface nearest to points (P, 3) [m], and the normal (P, 3) of its face."""
     from trimesh.triangles import closest_point
 
@@ -92,7 +76,7 @@ def closest_on(mesh: Solid, points: np.ndarray, dx: float) -> tuple[np.ndarray, 
     return found, (cross / np.linalg.norm(cross, axis=1, keepdims=True))[face]
 
 
-def _nearest_faces(mesh: Solid, points: np.ndarray, dx: float) -> np.ndarray:
+def _nearest_faces(mesh: MeshCollider, points: np.ndarray, dx: float) -> np.ndarray:
     """(P, k) triangles that have the dots next to points (P, 3) [m]. Of a large mesh only what is round the points is looked at first."""
     dots, owner = _dots(mesh.corners, dx)
     if not len(points):

@@ -6,7 +6,7 @@
     model.py     a sheet with mass and pins; its state   substep.py   one substep: backward differences and Newton's method
     rollout.py   a frame of substeps                     linear/      the linear equations
     contact.py   vertices against planes; friction       obstacle.py  what stands in the way, as planes
-    compiled.py  kernels, ready to launch
+    compiled.py  kernels, ready to launch; lists for them
 
 See docs/reference/shells.md.
 """

@@ -8,8 +8,7 @@ import numpy as np
 
 from . import face_kernels
 from .bending import Bending
-from .compiled import launcher
-from .linear import rows_by
+from .compiled import launcher, rows_by
 from .membrane import Membrane
 
 

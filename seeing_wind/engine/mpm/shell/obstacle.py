@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 
@@ -16,16 +15,6 @@ from ..lattice.signed_distance import closest_on
 Planes = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 """Vertices (C,), unit normals (C, 3), levels (C,) of n.x below which they may not come [m], friction (C,), whether they may not
 leave (C,), and velocities (C, 3) of the planes [m/s]."""
-
-
-class Obstacle(Protocol):
-    """Something in the way."""
-
-    def planes(self, x: np.ndarray, ahead: np.ndarray) -> Planes:
-        """Planes that stand for it before vertices at x (V, 3) about to be at `ahead` (V, 3) [m]."""
-
-    def at(self, time: float, frame_dt: float) -> Obstacle:
-        """It at a time [frames], a frame being `frame_dt` [s] long."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +29,7 @@ class Wall:
     bound: bool
 
     def planes(self, x: np.ndarray, ahead: np.ndarray) -> Planes:
-        """See `Obstacle`."""
+        """Planes that stand for it before vertices at x (V, 3) about to be at `ahead` (V, 3) [m]."""
         low = np.minimum(x @ self.normal, ahead @ self.normal) < self.level + 0.5 * np.abs(ahead - x).max() + 0.01
         vertex = np.flatnonzero(low)
         count = len(vertex)
@@ -50,7 +39,7 @@ class Wall:
         )  # fmt: skip
 
     def at(self, time: float, frame_dt: float) -> Wall:
-        """See `Obstacle`: it stands still."""
+        """It stands still."""
         return self
 
 
@@ -65,7 +54,7 @@ class Block:
     bound: bool
 
     def planes(self, x: np.ndarray, ahead: np.ndarray) -> Planes:
-        """See `Obstacle`. A vertex inside is led out the shortest way."""
+        """As of `Wall`. A vertex inside is led out the shortest way."""
         low, high = self.mesh.vertices.min(axis=0), self.mesh.vertices.max(axis=0)
         margin = self.reach + np.abs(ahead - x).max()
         vertex = np.flatnonzero(((ahead > low - margin) & (ahead < high + margin)).all(axis=1))
@@ -83,8 +72,11 @@ class Block:
         return vertex, normal, (normal * place).sum(axis=1), np.full(count, self.friction), np.full(count, self.bound), velocity
 
     def at(self, time: float, frame_dt: float) -> Block:
-        """See `Obstacle`."""
+        """It at a time [frames], a frame being `frame_dt` [s] long."""
         return self if self.mesh.path is None else replace(self, mesh=self.mesh.posed(time, frame_dt))
+
+
+Obstacle = Wall | Block
 
 
 def obstacles_of(colliders: Sequence[Collider], reach: float) -> tuple[Obstacle, ...]:
@@ -97,5 +89,3 @@ def obstacles_of(colliders: Sequence[Collider], reach: float) -> tuple[Obstacle,
             found.append(Block(collider, reach, friction, bound))
         found += [Wall(n, level, friction, bound) for n, level, _, _ in collider.rows()]
     return tuple(found)
-
-

@@ -4,11 +4,9 @@
     cholesky.py    factors of nearly the same matrix, and solves with them
     dissection.py  the order in which they eliminate vertices          fronts.py         their dense parts: what depends on the pattern
     front_kernels.py, solve_kernels.py  the parts' arithmetic          system_kernels.py  the matrix's blocks and products
-    lists.py       what belongs to each row
 """
 
 from .cholesky import Factors
-from .lists import rows_by
 from .system import Matrix, System, Unfinished
 
-__all__ = ["Factors", "Matrix", "System", "Unfinished", "rows_by"]
+__all__ = ["Factors", "Matrix", "System", "Unfinished"]

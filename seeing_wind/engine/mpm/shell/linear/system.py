@@ -16,11 +16,10 @@ import numpy as np
 from scipy.sparse import csr_array, diags_array
 
 from ..bending import Bending
-from ..compiled import launcher
+from ..compiled import launcher, rows_by
 from ..surface import NONE, Surface
 from . import system_kernels
 from .cholesky import BlockCholesky, Factors
-from .lists import rows_by
 
 MOST = 200
 """Iterations of conjugate gradients, at most."""
