@@ -9,6 +9,6 @@
 """
 
 from .first_frame import dress
-from .ply import read_ply, write_ply
+from .ply import write_ply
 
-__all__ = ["dress", "read_ply", "write_ply"]
+__all__ = ["dress", "write_ply"]

@@ -12,7 +12,7 @@ from ..masks import box_of, rows_columns
 from ..observe.object.motion.control import attach
 from ..observe.object.shape.particles import columns_of
 from ..observe.object.shape.relief import MAX_SLANT, Relief, sample
-from ..records import Attachment, Camera, Gaussians
+from ..records import Camera, Gaussians
 
 COUNT = 12000
 """Gaussians of an object with more pixels than this; smaller objects have one per pixel."""
@@ -101,16 +101,6 @@ def rest_covariances(gaussians: Gaussians) -> np.ndarray:
     """Sigma^0 = R S² R^T, (G, 3, 3) [m²]."""
     axes = Rotation.from_quat(gaussians.rotation[:, [1, 2, 3, 0]]).as_matrix() * gaussians.scale[:, None, :]
     return axes @ axes.transpose(0, 2, 1)
-
-
-def colours(gaussians: Gaussians) -> np.ndarray:
-    """(G, 3) RGB in 0..1 of the degree-0 harmonics: the colour from everywhere, or its mean over directions."""
-    return np.clip(0.5 + SH0 * gaussians.sh[:, 0], 0.0, 1.0)
-
-
-def self_attached(count: int) -> Attachment:
-    """Every Gaussian carries itself: for Gaussians that come from a file, without particles."""
-    return Attachment(index=np.arange(count, dtype=np.int32)[:, None], weight=np.ones((count, 1)))
 
 
 def _colours(image: np.ndarray, mask: np.ndarray, xy: np.ndarray, stride: float) -> np.ndarray:

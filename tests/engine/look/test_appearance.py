@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from seeing_wind.engine.conventions import front_view
 from seeing_wind.engine.look.contributions import contributions
 from seeing_wind.engine.look.covering import joined, uncovered
-from seeing_wind.engine.look.gaussians import FLATTENING, SH0, self_attached
+from seeing_wind.engine.look.gaussians import FLATTENING, SH0
 from seeing_wind.engine.look.over_clip import BANDS, Footage, fit_appearance
 from seeing_wind.engine.look.splatting import render_gaussians
 from seeing_wind.engine.masks import Masks
@@ -20,6 +20,8 @@ from seeing_wind.engine.observe.object.motion.control import attach
 from seeing_wind.engine.observe.object.shape.visibility import seen_surface
 from seeing_wind.engine.progress import Cancelled, Progress
 from seeing_wind.engine.records import Attachment, Body, Camera, Gaussians, Material, Outcome, Particles, Recovery, Surface
+
+from .test_gaussians_ply import self_attached
 
 SIZE = (0.4, 0.3, 0.3)
 """Of a box along x, y (away from the camera) and z [m]."""

@@ -9,12 +9,12 @@ import pytest
 
 from seeing_wind.engine.look.covering import joined
 from seeing_wind.engine.look.finer import SHRUNK, finer
-from seeing_wind.engine.look.gaussians import self_attached
 from seeing_wind.engine.look.over_clip import fit_appearance
 from seeing_wind.engine.observe.object.motion.control import attach
 from seeing_wind.engine.records import Gaussians
 
 from .test_appearance import CAMERA, WALL, drawn, filmed, footage, front_only, lattice, motion, off
+from .test_gaussians_ply import self_attached
 
 
 def test_halves_lie_where_the_whole_was_too_wide() -> None:

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from seeing_wind.engine.look.gaussians import colours, covariances, rest_covariances
+from seeing_wind.engine.look.gaussians import covariances, rest_covariances
 from seeing_wind.engine.look.harmonics import harmonics, polar_rotations, seen_colours
 
-from .test_gaussians_ply import some
+from .test_gaussians_ply import colours, some
 
 EYE = np.array([3.0, -4.0, 2.0])
 
