@@ -140,6 +140,17 @@ def rows_columns(box: tuple[int, int, int, int]) -> tuple[slice, slice]:
     return slice(box[1], box[3]), slice(box[0], box[2])
 
 
+def pixels_of(mask: np.ndarray) -> np.ndarray:
+    """(P, 2) float64 x, y [px] of what is in a mask (H, W) bool, in the order in which `image[mask]` has its values."""
+    rows, columns = np.nonzero(mask)
+    return np.stack([columns, rows], axis=1).astype(float)
+
+
+def at_rim(mask: np.ndarray) -> bool:
+    """Whether a mask (H, W) bool reaches the frame's edge."""
+    return bool(mask[0].any() or mask[-1].any() or mask[:, 0].any() or mask[:, -1].any())
+
+
 def areas(masks: Iterable[np.ndarray]) -> np.ndarray:
     """Pixels (T+1,) int64 of each mask."""
     return np.array([int(np.count_nonzero(mask)) for mask in masks], np.int64)

@@ -35,7 +35,7 @@ from .prior.basis import SpatialBasis, held_axis, spatial_basis
 from .prior.constants import PRIOR
 from .prior.kernel import knots_for_variance
 from .prior.learning import Expected
-from .solve.block import BlockSolver, Found
+from .solve.block import BlockSolver
 from .solve.constants import PACE
 from .solve.onward import Onward
 from .solve.section import section_axes
@@ -257,11 +257,8 @@ class Clip:
 
 
 def _solved(solver: BlockSolver, frames: int) -> Kept:
-    return _keep(solver.run(), frames)
-
-
-def _keep(found: Found, frames: int) -> Kept:
     """The first frames of a block's solution, with the posterior deviation."""
+    found = solver.run()
     # What was only assumed of stretch is not known: the deviation leaves that assumption out.
     covariance = covariance_with(found.last.point.normal + replace(found.prior, stretch=None).precision(), found.joint)
     path, acceleration = found.trajectory, found.forward.acceleration(found.last.theta)[:frames]

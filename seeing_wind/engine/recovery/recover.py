@@ -130,7 +130,7 @@ def _still(
 
 
 def _stiffness(particles: Particles, model: Model, settings: RecoverSettings, known: KnownBody | None) -> Stiffness:
-    free = is_free(particles, model, settings)
+    free = is_free(particles, settings)
     if known is None:
         return Stiffness(free)
     if not particles.pinned.any():

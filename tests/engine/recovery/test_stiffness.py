@@ -219,9 +219,9 @@ def test_it_is_free_only_for_held_bodies():
     body, free = post(), plate((2, 2, 7))
     model, _ = model_for(body, RUBBER, FPS)
     clay, _ = model_for(body, replace(RUBBER, law="von_mises", yield_stress=100.0), FPS)
-    assert is_free(body, model, RecoverSettings())
-    assert not is_free(body, model, RecoverSettings(stiffness="given"))
-    assert not is_free(free, model, RecoverSettings())
+    assert is_free(body, RecoverSettings())
+    assert not is_free(body, RecoverSettings(stiffness="given"))
+    assert not is_free(free, RecoverSettings())
     assert is_free(body, clay, RecoverSettings())
 
 

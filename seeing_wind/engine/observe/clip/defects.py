@@ -7,7 +7,7 @@ import numpy as np
 
 from ...conventions import frame_named
 from ...errors import ClipError
-from ...masks import Masks, box_of, rows_columns
+from ...masks import Masks, at_rim, box_of, rows_columns
 from ...progress import Progress
 from .stored import Frames
 
@@ -82,7 +82,7 @@ def tell_defects(frames: Frames, masks: Masks, progress: Progress) -> None:
     Args:
         frames: (T+1, H, W, 3) uint8 RGB; masks: (T+1, H, W) bool, the object.
     """
-    rim = np.array([bool(m[0].any() or m[-1].any() or m[:, 0].any() or m[:, -1].any()) for m in masks])
+    rim = np.array([at_rim(mask) for mask in masks])
     if rim[0]:
         progress.warn("The object reaches over the edge of the first frame: what lies outside has no mass in the result.")
     elif rim.any():

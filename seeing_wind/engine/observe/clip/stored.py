@@ -104,3 +104,8 @@ def each(frames: Frames, function: Callable[[int, np.ndarray], np.ndarray], prog
         progress.check()
         out.append(function(t, frames[t]))
     return out
+
+
+def some_of(count: int, most: int) -> np.ndarray:
+    """At most so many of the numbers below `count`, ascending: the first, the last, and others spread evenly between."""
+    return np.unique(np.linspace(0, count - 1, min(most, count)).astype(int))

@@ -11,7 +11,7 @@ import numpy as np
 
 from ...masks import Masks, box_of, rows_columns
 from ...progress import Progress
-from ..clip.stored import Frames
+from ..clip.stored import Frames, some_of
 from .cutting import enclosed, grown
 from .motion import Window, cut, passed, within
 
@@ -112,7 +112,7 @@ def median_plate(frames: Frames, progress: Progress) -> Plate:
 
 def _median_and_spread(frames: Frames, progress: Progress, seen: Callable[[np.ndarray], np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     """The temporal median (H, W, 3) and the median difference to it of frames as they are `seen` (H, W), both uint8."""
-    chosen = np.unique(np.linspace(0, len(frames) - 1, min(LONGEST_MEDIAN, len(frames))).astype(int))
+    chosen = some_of(len(frames), LONGEST_MEDIAN)
     color = np.empty(frames.shape[1:], np.uint8)
     spread = np.empty(frames.shape[1:3], np.uint8)
     for part in _row_blocks(color, len(chosen)):
@@ -187,7 +187,7 @@ def seen_first(plate: Plate, frames: Frames, mask: np.ndarray, around: np.ndarra
     Args:
         frames: (T+1, H, W, 3) uint8 RGB; mask: (H, W) bool, the object in frame 0; around: (H, W) bool, where it may be.
     """
-    chosen = np.unique(np.linspace(0, len(frames) - 1, min(LONGEST_MEDIAN, len(frames))).astype(int))
+    chosen = some_of(len(frames), LONGEST_MEDIAN)
     away = largest(_grainless(cv2.absdiff(np.array(frames[0]), plate.color))) > 4.0 * plate.noise
     stayed = cv2.morphologyEx((~away & mask).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
     near = (cv2.dilate(mask.astype(np.uint8), np.ones((9, 9), np.uint8)) > 0) | around
@@ -236,7 +236,7 @@ def clean_plate(frames: Frames, masks: Masks, median: np.ndarray | None, progres
     """
     if median is None:
         return cv2.inpaint(frames[0], grown(masks[0]).astype(np.uint8), 5, cv2.INPAINT_TELEA)
-    chosen = np.unique(np.linspace(0, len(frames) - 1, min(LONGEST_MEDIAN, len(frames))).astype(int))
+    chosen = some_of(len(frames), LONGEST_MEDIAN)
     color = median.copy()
     if not masks.windows[chosen].any():
         return color

@@ -10,7 +10,7 @@ import numpy as np
 from ...masks import Masks, areas
 from ...progress import Journal, Progress
 from ...settings import ObserveSettings
-from ..clip.stored import Frames
+from ..clip.stored import Frames, some_of
 from .background import Plate, plate_behind, seen_first
 from .evidence import Contrast
 from .follow import MaskFollower
@@ -69,7 +69,7 @@ def with_background(
         if areas(masks)[1:].any():
             plate = plate_behind(frames, masks, plate, median, progress)
             seen = np.flatnonzero(areas(masks))
-            some = seen[np.unique(np.linspace(0, len(seen) - 1, min(LEARNT, len(seen))).astype(int))]
+            some = seen[some_of(len(seen), LEARNT)]
             contrast = Contrast(plate, ((frames[int(t)], masks[int(t)]) for t in some))
     if motion is not None and still is not None and colored is not None:
         other = beyond_box(frames[0], mask, around, plate, moving)

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from ...errors import ObjectError, UsageError
-from ...masks import Masks
+from ...masks import Masks, pixels_of
 from ...progress import Journal, Progress
 from ..clip.shake import through
 from ..clip.stored import Frames
@@ -217,9 +217,8 @@ def _mended(
     missed = np.zeros(len(changes), int)
     distance = cv2.distanceTransform(1 - np.any([part for part, _ in changes], axis=0).astype(np.uint8), cv2.DIST_L2, 5)
     near = shape & (distance <= LOCAL * size)
-    rows, columns = np.nonzero(near if near.any() else shape)
-    some = np.linspace(0, len(rows) - 1, min(POINTS, len(rows))).astype(int)
-    points = np.stack([columns, rows], axis=1)[some].astype(np.float64)
+    points = pixels_of(near if near.any() else shape)
+    points = points[np.linspace(0, len(points) - 1, min(POINTS, len(points))).astype(int)]
     before, last = cv2.cvtColor(frames[way.start - way.step], cv2.COLOR_RGB2GRAY), outline
     solver, total, found = FlowSolver(rough=True), np.eye(3), dict[int, np.ndarray]()
     for t in way:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from ...masks import Masks, areas
+from ...masks import Masks, areas, at_rim
 from ..clip.stored import Frames
 from ..mask.background import Plate
 from ..mask.evidence import SMALL
@@ -51,7 +51,7 @@ def centroid_track(frames: Frames, masks: Masks, plate: Plate | None) -> tuple[n
     full: np.ndarray | None = None
     registered = np.zeros(len(frames), bool)
     for t, (frame, mask) in enumerate(zip(frames, masks)):
-        if not mask.any() or (t > 0 and _at_rim(mask)):
+        if not mask.any() or (t > 0 and at_rim(mask)):
             continue
         window = window_of(mask, RIM + 6)
         origin = np.array(window[:2], dtype=np.float64)
@@ -75,10 +75,6 @@ def centroid_track(frames: Frames, masks: Masks, plate: Plate | None) -> tuple[n
     times = np.arange(len(xy))
     filled = np.stack([np.interp(times, times[visible], xy[visible, axis]) for axis in range(2)], axis=1)
     return filled, visible, sigma
-
-
-def _at_rim(mask: np.ndarray) -> bool:
-    return bool(mask[0].any() or mask[-1].any() or mask[:, 0].any() or mask[:, -1].any())
 
 
 def _cover(

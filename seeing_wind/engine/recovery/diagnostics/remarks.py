@@ -104,6 +104,7 @@ def _way(first: Channels) -> float:
 
 
 def _radius(x: np.ndarray) -> float:
+    """How far one of the points (N, 3) is at most from their middle."""
     return float(np.linalg.norm(x - x.mean(axis=0), axis=1).max())
 
 
@@ -111,10 +112,9 @@ def motion_remarks(particles: Particles, x: np.ndarray, residual: np.ndarray, vi
     """On a simulation x (T+1, N, 3) [m] that misses what was seen by residual (T+1,): [px] with views (how many), [m] without."""
     notes = []
     moved = np.linalg.norm(x - x[0], axis=-1).max()
-    radius = np.linalg.norm(particles.x - particles.x.mean(axis=0), axis=1).max()
     shown = residual[1:][residual[1:] > 0.0]  # nothing was seen in the others
     far, peak = float(np.median(shown)) if len(shown) else 0.0, int(residual.argmax())
-    small = STILL * max(radius, particles.spacing)
+    small = STILL * max(_radius(particles.x), particles.spacing)
     if moved < small and (views or far < small):
         notes.append(f"The body hardly moves ({in_units(moved, 'm', 2)}): the force is known only as the one that holds it still.")
     elif not views and far > UNEXPLAINED * moved:
@@ -152,8 +152,7 @@ def reaction_remarks(particles: Particles, acceleration: np.ndarray, x: np.ndarr
     """
     down = np.asarray(gravity, dtype=np.float64)
     centre = x.mean(axis=1)
-    radius = max(float(np.linalg.norm(particles.x - particles.x.mean(axis=0), axis=1).max()), particles.spacing)
-    leaves = float(np.linalg.norm(centre - centre[0], axis=1).max()) > radius
+    leaves = float(np.linalg.norm(centre - centre[0], axis=1).max()) > max(_radius(particles.x), particles.spacing)
     carried = np.linalg.norm(acceleration.mean(axis=(0, 1)) + down) < REACTION * np.linalg.norm(down)
     if particles.pinned.any() or leaves or not carried:
         return []

@@ -23,6 +23,7 @@ from ...errors import SimulationError
 from ...field.adam import in_parts
 from ...field.force_field import ForceField
 from ...field.representations.neural import ForceFieldNeural, NeuralModule
+from ...field.torch_threads import one_torch_thread
 from ...mpm.autograd import simulate
 from ...mpm.model import Model
 from ...mpm.model_for import model_for
@@ -79,16 +80,13 @@ def refine(
         progress.warn("The field was not refined: point forces are those that were solved for.")
         return Refined(field, 0.0, 0.0)
     module = copy.deepcopy(field.module).requires_grad_(True)
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)  # small matrices; and the result then does not depend on the machine's cores
     try:
-        run = _Run(field, module, recovery, particles, as_found(material, recovery), settings, journal)
-        before, after = run.descend(settings.refine, progress)
+        with one_torch_thread():
+            run = _Run(field, module, recovery, particles, as_found(material, recovery), settings, journal)
+            before, after = run.descend(settings.refine, progress)
     except SimulationError as error:
         progress.warn(f"The field was not refined: the body breaks down under it. {error.message}")
         return Refined(field, 0.0, 0.0)
-    finally:
-        torch.set_num_threads(threads)
     if not after < before:
         return Refined(field, before, before)
     return Refined(type(field)(field.box, field.fps, field.frames, module, field.scale, field.confidence), before, after)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...records import Particles, PointTargets
+from ..prior.basis import rigid_motions
 from ..targets.channels import second_derivative
 from .losses import Targets
 
@@ -41,7 +42,7 @@ def first_look(particles: Particles, targets: Targets, fps: float, gravity: np.n
     x = particles.x
     radius = float(np.linalg.norm(x - x.mean(axis=0), axis=1).max()) or particles.spacing
     places, curvature, rows, slopes = [x], [0.0], [], []
-    motions, gradients = rigid_motions(x, radius)
+    motions, gradients = rigid_motions(x, x.mean(axis=0), radius)
     for one in [targets] if isinstance(targets, PointTargets) else targets:
         at_rest = one.attachment.follow(x)
         carried = np.stack([one.attachment.follow(motion) for motion in motions], axis=-1)  # (K, 3, 6)
@@ -67,17 +68,6 @@ def first_look(particles: Particles, targets: Targets, fps: float, gravity: np.n
     size = float(np.hypot(max(curvature), np.linalg.norm(gravity))) or 1e-3
     moving = np.zeros(6) if particles.pinned.any() else _velocity(np.concatenate(rows), np.concatenate(slopes, axis=1), fps)
     return Start(np.stack([low, high]), size, np.tensordot(moving, motions, 1), np.tensordot(moving, gradients, 1))
-
-
-def rigid_motions(x: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
-    """Three uniform motions and three spins of unit speed at the rim: velocities (6, N, 3) and gradients (6, N, 3, 3)."""
-    velocity, gradient = np.zeros((6, len(x), 3)), np.zeros((6, len(x), 3, 3))
-    for axis in range(3):
-        velocity[axis, :, axis] = 1.0
-        spin = np.cross(np.eye(3)[axis], np.eye(3)).T
-        velocity[3 + axis] = (x - x.mean(axis=0)) @ spin.T / radius
-        gradient[3 + axis] = spin / radius
-    return velocity, gradient
 
 
 def _velocity(rows: np.ndarray, series: np.ndarray, fps: float) -> np.ndarray:

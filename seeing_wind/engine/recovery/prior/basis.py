@@ -172,10 +172,15 @@ def velocity_basis(x: np.ndarray, basis: SpatialBasis, pinned: np.ndarray) -> tu
         slope = 2.0 * (x - held[nearest]) / reach**2
         velocity = np.einsum("ij,n->inj", np.eye(3), ramp)
         return velocity, np.einsum("ij,nk->injk", np.eye(3), slope)
+    return rigid_motions(x, basis.centre, basis.radius)
+
+
+def rigid_motions(x: np.ndarray, centre: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
+    """Three uniform motions and three spins about `centre` (3,), of unit speed at a radius [m]: as `velocity_basis`, V = 6."""
     velocity, gradient = np.zeros((6, len(x), 3)), np.zeros((6, len(x), 3, 3))
     for axis in range(3):
         velocity[axis, :, axis] = 1.0
         spin = np.cross(np.eye(3)[axis], np.eye(3)).T  # spin @ r = e_axis x r
-        velocity[3 + axis] = (x - basis.centre) @ spin.T / basis.radius
-        gradient[3 + axis] = spin / basis.radius
+        velocity[3 + axis] = (x - centre) @ spin.T / radius
+        gradient[3 + axis] = spin / radius
     return velocity, gradient

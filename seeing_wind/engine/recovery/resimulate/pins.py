@@ -43,12 +43,7 @@ def read_pins(path: str | os.PathLike[str], count: int, what: str) -> np.ndarray
     Raises:
         UsageError: no such file, no list of whole numbers, none at all, or one out of range.
     """
-    if not Path(path).is_file():
-        raise UsageError(f"There is no file of pins {path}.", f"Write the indices of the pinned {what} with numpy.save.")
-    try:
-        pins = read_array(path)
-    except (OSError, ValueError) as error:
-        raise UsageError(f"The pins {path} cannot be read: {error}.", f"Write the indices of the pinned {what} with numpy.save.") from error
+    pins = _array(path, "pins", f"Write the indices of the pinned {what} with numpy.save.")
     if pins.ndim != 1 or len(pins) == 0 or not np.issubdtype(pins.dtype, np.integer):
         raise UsageError(f"The pins {path} are {pins.dtype} of shape {pins.shape}.", f"A list of at least one index of {what} is needed.")
     if pins.min() < 0 or pins.max() >= count:
@@ -64,12 +59,7 @@ def read_weights(path: str | os.PathLike[str], pins: str | os.PathLike[str]) -> 
         UsageError: no such file, another number of weights than of indices, or one outside 0..1.
     """
     advice = "Write one number from 0 to 1 per index with numpy.save."
-    if not Path(path).is_file():
-        raise UsageError(f"There is no file of weights {path}.", advice)
-    try:
-        weights, index = read_array(path), read_array(pins)
-    except (OSError, ValueError) as error:
-        raise UsageError(f"The weights {path} cannot be read: {error}.", advice) from error
+    weights, index = _array(path, "weights", advice), read_array(pins)  # the latter `read_pins` has read before
     if weights.shape != index.shape or not np.issubdtype(weights.dtype, np.floating):
         raise UsageError(f"The weights {path} are {weights.dtype} of shape {weights.shape} for {index.size} indices.", advice)
     if not ((weights >= 0.0) & (weights <= 1.0)).all():
@@ -77,6 +67,15 @@ def read_weights(path: str | os.PathLike[str], pins: str | os.PathLike[str]) -> 
     strongest = np.zeros(int(index.max()) + 1)
     np.maximum.at(strongest, index, weights)
     return strongest[np.unique(index)]
+
+
+def _array(path: str | os.PathLike[str], what: str, advice: str) -> np.ndarray:
+    if not Path(path).is_file():
+        raise UsageError(f"There is no file of {what} {path}.", advice)
+    try:
+        return read_array(path)
+    except (OSError, ValueError) as error:
+        raise UsageError(f"The {what} {path} cannot be read: {error}.", advice) from error
 
 
 def read_pin_path(path: str | os.PathLike[str], pins: str | os.PathLike[str], frames: int) -> np.ndarray:

@@ -111,7 +111,7 @@ class Stiffness:
         return float(off @ self.precision @ off)
 
 
-def is_free(particles: Particles, model: Model, settings: RecoverSettings) -> bool:
+def is_free(particles: Particles, settings: RecoverSettings) -> bool:
     """Whether the stiffness is an unknown: of a body that is held somewhere, unless the settings forbid it.
 
     A free body hardly moves differently when it is stiffer. The yield stress of one that flows stays as given.

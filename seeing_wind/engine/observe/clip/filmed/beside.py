@@ -9,7 +9,7 @@ from ....masks import Masks
 from ....records import Doubt
 from ...mask.background import Plate
 from ...mask.motion import cut, window_of, within
-from ..stored import Frames
+from ..stored import Frames, some_of
 
 LOOKS = 9
 """Frames that are looked at, spread over the clip."""
@@ -30,7 +30,7 @@ def touching(frames: Frames, masks: Masks, plate: Plate) -> Doubt | None:
     Args:
         frames: (T+1, H, W, 3) uint8 RGB; masks: (T+1, H, W) bool, the object in them; plate: the background.
     """
-    chosen = np.unique(np.linspace(0, len(frames) - 1, min(LOOKS, len(frames))).astype(int))
+    chosen = some_of(len(frames), LOOKS)
     seen = [share for share in (_beside(frames[int(t)], masks[int(t)], plate) for t in chosen if masks[int(t)].any())]
     if not seen or np.mean([share > LEAST for share in seen]) <= 0.5:
         return None

@@ -9,11 +9,14 @@ import numpy as np
 
 from ....progress import Progress
 from ....records import Doubt
-from ..shake import LEAST_CORNERS, LEAST_PART, surrounding_corners
+from ..shake import LEAST_CORNERS, LEAST_PART, surrounding_corners, there_and_back
 from ..stored import Frames
 
 MOST = 20
 """Frames that are looked at, spread over the clip."""
+
+RETURNS = 0.5
+"""Pixels within which a corner that is followed there and back returns."""
 
 BREATHES = 0.004
 """Relative change of the frame's size from which it is told: two pixels at the rim of a frame of 1000. Corners are tracked ten times
@@ -68,29 +71,22 @@ def surroundings(frames: Frames, around: np.ndarray, progress: Progress) -> Moti
     for t in np.unique(np.linspace(1, len(frames) - 1, min(MOST, len(frames) - 1)).astype(int)):
         progress.check()
         gray = cv2.cvtColor(frames[int(t)], cv2.COLOR_RGB2GRAY)
-        there, sure = _track_corners(first, gray, corners)
+        moved, sure = there_and_back(first, gray, corners, corners, RETURNS)
         if sure.sum() < LEAST_CORNERS:
             continue
-        here, there = corners.reshape(-1, 2)[sure] - middle, there[sure] - middle
+        here, there = (xy.reshape(-1, 2)[sure] - middle for xy in (corners, moved))
         cv2.setRNGSeed(0)
         fit, agree = cv2.estimateAffine2D(here, there, ransacReprojThreshold=1.0)
         if fit is None or agree.sum() < max(LEAST_CORNERS, LEAST_PART * len(here)):
             continue
         before = cv2.cvtColor(frames[int(t) - 1], cv2.COLOR_RGB2GRAY)
-        earlier, also = _track_corners(gray, before, (there + middle).astype(np.float32)[:, None])
+        places = (there + middle).astype(np.float32)[:, None]
+        earlier, also = there_and_back(gray, before, places, places, RETURNS)
         also &= agree.ravel() > 0
         if also.any():
-            kept.append((int(t), fit, float(np.median((there + middle - earlier)[also, 0]))))
+            kept.append((int(t), fit, float(np.median((there + middle - earlier[:, 0])[also, 0]))))
     parts = list(zip(*kept)) if kept else [(), (), ()]
     return Motion(np.array(parts[0], int), np.array(parts[1]).reshape(-1, 2, 3), np.array(parts[2], float))
-
-
-def _track_corners(before: np.ndarray, after: np.ndarray, corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Where corners (K, 1, 2) are found again, (K, 2) [px], and (K,) bool whether the way back leads to where they came from."""
-    moved, found, _ = cv2.calcOpticalFlowPyrLK(before, after, corners, None, winSize=(21, 21), maxLevel=3)
-    back, again, _ = cv2.calcOpticalFlowPyrLK(after, before, moved, None, winSize=(21, 21), maxLevel=3)
-    sure = (found.ravel() > 0) & (again.ravel() > 0) & (np.linalg.norm((back - corners).reshape(-1, 2), axis=1) < 0.5)
-    return moved.reshape(-1, 2), sure
 
 
 def _breathing(motion: Motion, width: int) -> Doubt | None:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
+from ....masks import pixels_of
 from ....records import Camera
 
 FLATNESS = 0.02
@@ -95,8 +96,7 @@ class Block:
 
     def exits(self, front: np.ndarray) -> np.ndarray:
         """Where the pixels' rays leave the body that they enter at depth `front` (H, W): depths (H, W) [m], `front` off the mask."""
-        rows, columns = np.nonzero(self.mask)
-        xy, near = np.stack([columns, rows], axis=1).astype(float), front[rows, columns]
+        xy, near = pixels_of(self.mask), front[self.mask]
         entry, ahead = self.camera.unproject(xy, near), self.camera.unproject(xy, near + 1.0)
         per_metre = self.face.behind(ahead) - self.face.behind(entry)
         far = near + np.maximum(self.depth - self.face.behind(entry), 0.0) / np.maximum(per_metre, 1e-6)
@@ -108,7 +108,7 @@ class Block:
         inside = self.contains(self.camera.unproject(np.repeat(xy[:, None], STEPS, axis=1), depth))
         steps = np.where(inside.all(axis=1), STEPS, np.argmin(inside, axis=1) + 0.5)
         back = front.copy()
-        back[rows, columns] = near + steps / STEPS * (far - near)
+        back[self.mask] = near + steps / STEPS * (far - near)
         return back
 
     def held(self, points: np.ndarray, pin: np.ndarray) -> np.ndarray:
@@ -121,13 +121,12 @@ class Block:
 
     def shown(self) -> np.ndarray:
         """(H, W) int which plane a pixel shows, the face (0) or a side: the last one that a ray into a convex body crosses. -1 off it."""
-        rows, columns = np.nonzero(self.mask)
-        xy = np.stack([columns, rows], axis=1).astype(float)
+        xy = pixels_of(self.mask)
         origin, ahead = self.camera.unproject(xy, np.zeros(len(xy))), self.camera.unproject(xy, np.ones(len(xy)))
         planes = (self.face, *self.sides)
         entries = np.stack([one.behind(origin) / np.minimum((ahead - origin) @ one.normal, -1e-9) for one in planes])
         shown = np.full(self.mask.shape, -1)
-        shown[rows, columns] = entries.argmax(axis=0)
+        shown[self.mask] = entries.argmax(axis=0)
         return shown
 
     def _at(self, image: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -146,9 +145,8 @@ def find_block(front: np.ndarray, mask: np.ndarray, camera: Camera) -> Block | N
         front: (H, W) depth along the view axis of the visible surface [m].
         mask: (H, W) bool, the object.
     """
-    rows, columns = np.nonzero(mask)
     points = np.zeros((*mask.shape, 3))
-    points[rows, columns] = camera.unproject(np.stack([columns, rows], axis=1).astype(float), front[rows, columns])
+    points[mask] = camera.unproject(pixels_of(mask), front[mask])
     eye = camera.pose(0)[:3, 3]
     tolerance = FLATNESS * np.sqrt(mask.sum() * float(np.median(front[mask])) ** 2 / (camera.fx * camera.fy))
     left, planes, areas = mask.copy(), [], []

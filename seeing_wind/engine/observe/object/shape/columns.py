@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
+from ....masks import pixels_of
 from ....progress import Progress
 from .relief import Relief
 
@@ -40,13 +41,19 @@ def layers_of(thickness: np.ndarray, spacing: float) -> np.ndarray:
     return np.maximum(regular, np.where(thickness / 2.0 >= THINNEST_LAYER * spacing, 2, 1)).astype(int)
 
 
+def across_layers(layers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Which of columns with so many `layers` (M,) each of their particles is in, (N,), and its share of the way from front to back (N,)."""
+    column = np.repeat(np.arange(len(layers)), layers)
+    first = np.cumsum(layers) - layers
+    return column, (np.arange(len(column)) - first[column] + 0.5) / layers[column]
+
+
 def surface_metric(relief: Relief) -> np.ndarray:
     """(2, 2) metres per pixel along the plane that fits the visible surface best: a lattice is to be regular there, not in the frame.
 
     Rows are coordinates in that plane, columns are frame x and y.
     """
-    rows, columns = np.nonzero(relief.mask)
-    xy = np.stack([columns, rows], axis=1).astype(float)
+    xy = pixels_of(relief.mask)
     points = relief.points(xy, 0.0 if relief.kind == "plate" else 0.5)
     design = np.column_stack([np.ones(len(xy)), xy])
     slope = np.linalg.lstsq(design, points, rcond=None)[0][1:]  # (2, 3): world metres per pixel
@@ -59,8 +66,7 @@ def surface_metric(relief: Relief) -> np.ndarray:
 
 def columns_of(relief: Relief, metric: np.ndarray, spacing: float, held: np.ndarray) -> Columns:
     """Cut the silhouette into cells of a square lattice of `spacing` [m] in the surface's plane."""
-    rows, cols = np.nonzero(relief.mask)
-    pixels = np.stack([cols, rows], axis=1).astype(float)
+    pixels, held = pixels_of(relief.mask), held[relief.mask]
     cell_pixels = spacing / np.sqrt(np.linalg.det(metric))
     # Small cells are cut from parts of pixels, or the lattice would beat with the pixel grid.
     parts = max(1, int(np.ceil(5.0 / cell_pixels)))
@@ -73,14 +79,14 @@ def columns_of(relief: Relief, metric: np.ndarray, spacing: float, held: np.ndar
     kept = sizes >= min(COVERAGE * (cell_pixels * parts) ** 2, sizes.max())
     nearest = cKDTree(sites[kept]).query(sites)[1][inverse]
     number = int(kept.sum())
-    volume_of_dot = relief.pixel_volume()[rows, cols][owner] / parts**2
+    volume_of_dot = relief.pixel_volume()[relief.mask][owner] / parts**2
     dots_in = np.bincount(nearest, minlength=number)
     centre = np.stack([np.bincount(nearest, dots[:, i], number) for i in range(2)], axis=1) / dots_in[:, None]
-    gap = (relief.back - relief.front)[rows, cols][owner]
-    pinned = np.bincount(nearest, held[rows, cols][owner].astype(float), number) > 0.5 * dots_in
+    gap = (relief.back - relief.front)[relief.mask][owner]
+    pinned = np.bincount(nearest, held[owner].astype(float), number) > 0.5 * dots_in
     if held.any() and not pinned.any():
         # A pin smaller than a cell holds the cell it lies in.
-        pinned[np.bincount(nearest, held[rows, cols][owner].astype(float), number).argmax()] = True
+        pinned[np.bincount(nearest, held[owner].astype(float), number).argmax()] = True
     return Columns(
         xy=centre, volume=np.bincount(nearest, volume_of_dot, number), thickness=np.bincount(nearest, gap, number) / dots_in, pinned=pinned
     )

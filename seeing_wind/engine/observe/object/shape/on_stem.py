@@ -15,7 +15,7 @@ import numpy as np
 
 from ....materials import LIMITS, Material, substeps_needed
 from ....records import Particles
-from .columns import MIN_SPACING_PIXELS, columns_of, layers_of, surface_metric
+from .columns import MIN_SPACING_PIXELS, across_layers, columns_of, layers_of, surface_metric
 from .parts import Parts, sections
 from .relief import Relief, sample
 
@@ -96,7 +96,5 @@ def _columns(
     alone = replace(relief, mask=part)
     columns = columns_of(alone, surface_metric(alone), spacing, held & part)
     layers = layers_of(wider * columns.thickness, spacing)
-    column = np.repeat(np.arange(len(layers)), layers)
-    first = np.cumsum(layers) - layers
-    across = (np.arange(len(column)) - first[column] + 0.5) / layers[column]
+    column, across = across_layers(layers)
     return relief.points(columns.xy[column], 0.5 + wider * (across - 0.5)), columns.volume[column] / layers[column], columns.pinned[column]

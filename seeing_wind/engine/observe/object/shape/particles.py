@@ -10,10 +10,11 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ....errors import ObjectError
+from ....masks import pixels_of
 from ....progress import NoProgress, Progress
 from ....records import Particles
 from .block import Block
-from .columns import COVERAGE, MIN_SPACING_PIXELS, columns_of, layers_of, spacing_for, surface_metric
+from .columns import COVERAGE, MIN_SPACING_PIXELS, across_layers, columns_of, layers_of, spacing_for, surface_metric
 from .on_stem import fill_parts
 from .pins import held_dots
 from .relief import Relief
@@ -71,9 +72,7 @@ def fill(
     spacing = spacing_for(relief, metric, count, progress or NoProgress())
     columns = columns_of(relief, metric, spacing, held)
     layers = layers_of(columns.thickness, spacing)
-    column = np.repeat(np.arange(len(layers)), layers)
-    first = np.cumsum(layers) - layers
-    across = (np.arange(len(column)) - first[column] + 0.5) / layers[column]
+    column, across = across_layers(layers)
     x = relief.points(columns.xy[column], across)
     return Particles(x=x, volume=columns.volume[column] / layers[column], pinned=columns.pinned[column], spacing=float(spacing))
 
@@ -107,8 +106,7 @@ def cells_of(relief: Relief, count: int, held: np.ndarray) -> Particles:
         share = np.bincount(nearest, weight * on_pin, number) / volume
         pinned = share > min(0.5, 0.99 * share.max())  # a pin smaller than a cell holds the cells it lies in
         if not pinned.any():  # smaller than the gaps between the dots
-            rows, columns = np.nonzero(held & relief.mask)
-            painted = relief.points(np.stack([columns, rows], axis=1).astype(float), 0.5)
+            painted = relief.points(pixels_of(held & relief.mask), 0.5)
             pinned[cKDTree(centre).query(painted)[1]] = True
     return Particles(x=centre, volume=volume, pinned=pinned, spacing=spacing)
 

@@ -18,6 +18,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
+from ....masks import pixels_of
 from .inflate import balls
 
 CARRIES = 0.5
@@ -85,10 +86,9 @@ def parts_of(mask: np.ndarray, held: np.ndarray) -> Parts | None:
         return None
     radius = np.clip(ndimage.gaussian_filter1d(along, max(2.0, 2.0 * usual), mode="nearest"), 0.5, SWELLS * usual)
     axis = _smooth(way[:, ::-1].astype(float), max(2.0, 2.0 * usual))
-    rows, columns = np.nonzero(mask)
-    distance, nearest = cKDTree(axis).query(np.stack([columns, rows], axis=1))
+    distance, nearest = cKDTree(axis).query(pixels_of(mask))
     stem = np.zeros_like(mask)
-    stem[rows, columns] = distance <= radius[nearest] + BESIDE
+    stem[mask] = distance <= radius[nearest] + BESIDE
     return Parts(axis, radius, *_beside(mask, stem, widest))
 
 

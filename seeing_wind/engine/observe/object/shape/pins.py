@@ -13,6 +13,7 @@ from scipy import ndimage
 from scipy.optimize import minimize
 from scipy.special import expit
 
+from ....masks import pixels_of
 from .block import Block
 from .relief import Relief
 
@@ -37,9 +38,7 @@ def held_dots(relief: Relief, held: np.ndarray, dots: np.ndarray, pixel: np.ndar
         dots: places [m].
         pixel: (D,) number of each dot's pixel among those of the mask.
     """
-    rows, columns = np.nonzero(relief.mask)
-    painted = held[rows, columns]
-    front = relief.points(np.stack([columns, rows], axis=1).astype(float), 0.0)
+    painted, front = held[relief.mask], relief.points(pixels_of(relief.mask), 0.0)
 
     def misplaced(guess: np.ndarray) -> float:
         return float((guess != painted).sum() / max(1, min(painted.sum(), (~painted).sum())))
@@ -67,9 +66,8 @@ def _across(block: Block, painted: np.ndarray, front: np.ndarray, relief: Relief
     Returns:
         normal (3,) away from what is held, and offset [m]; None where too much of the paint, or of the rest, would lie on the wrong side.
     """
-    rows, columns = np.nonzero(relief.mask)
     ray = front - relief.camera.pose(0)[:3, 3]
-    normal = np.stack([plane.normal for plane in (block.face, *block.sides)])[np.maximum(block.shown()[rows, columns], 0)]
+    normal = np.stack([plane.normal for plane in (block.face, *block.sides)])[np.maximum(block.shown()[relief.mask], 0)]
     distance = np.linalg.norm(ray, axis=1)
     area = distance**3 / np.maximum(np.abs((ray * normal).sum(axis=1)), GRAZING * distance)  # of the surface behind a pixel
     smaller, best = min(area[painted].sum(), area[~painted].sum()), None
@@ -92,9 +90,8 @@ def _border_plane(relief: Relief, held: np.ndarray) -> tuple[np.ndarray, float] 
     inner = ndimage.binary_erosion(relief.mask, iterations=RIM)
     if not ((held & inner).any() and (inner & ~held).any()):
         return None
-    rows, columns = np.nonzero(inner)
-    front = relief.points(np.stack([columns, rows], axis=1).astype(float), 0.0)
-    centre, axes, side = front.mean(axis=0), relief.camera.pose(0)[:3, :3], np.where(held[rows, columns], -1.0, 1.0)
+    front = relief.points(pixels_of(inner), 0.0)
+    centre, axes, side = front.mean(axis=0), relief.camera.pose(0)[:3, :3], np.where(held[inner], -1.0, 1.0)
     scale = float(np.sqrt(front.var(axis=0).sum()))
     local = np.column_stack([(front - centre) @ axes / scale, np.ones(len(front))])
     ridge = SOFT * np.array([1.0, 1.0, TILTED, 0.0])

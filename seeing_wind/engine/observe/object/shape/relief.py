@@ -21,6 +21,7 @@ from scipy import ndimage
 
 from ....conventions import in_units
 from ....errors import ObjectError
+from ....masks import pixels_of
 from ....records import Camera, Observation
 from .block import Block, find_block
 from .inflate import LEAK, balls, inflate
@@ -261,13 +262,12 @@ def _fill(image: np.ndarray, known: np.ndarray) -> np.ndarray:
 
 def _kind(mask: np.ndarray, rim: np.ndarray, front: np.ndarray, bulge: float | None, camera: Camera) -> str:
     """ball, solid, post or plate: see the module's text. `bulge` as in `inflate`, None where no depth was measured."""
-    rows, columns = np.nonzero(mask)
-    xy = np.stack([columns, rows], axis=1).astype(float)
+    xy = pixels_of(mask)
     if np.pi * rim.max() ** 2 / len(xy) > ROUND and (bulge is None or (ROUNDEST[0] < bulge < ROUNDEST[1] and _is_disc(rim, xy))):
         return "ball"
     if bulge is not None and bulge > BULGE:
         return "solid"
-    spread = np.linalg.eigvalsh(np.cov(camera.unproject(xy, front[rows, columns]).T))
+    spread = np.linalg.eigvalsh(np.cov(camera.unproject(xy, front[mask]).T))
     return "post" if spread[2] > LONG**2 * max(spread[1], 0.0) else "plate"
 
 
