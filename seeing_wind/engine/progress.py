@@ -19,7 +19,7 @@ class Cancelled(Exception):
 
 
 class Progress:
-    """What a long job reports to.
+    """What a long job reports to. Whatever is given one may raise `Cancelled`, at a safe point of which it has two a second or more.
 
     Args:
         emit: receives one message (a dict that JSON can hold) per call, or None to be silent.
@@ -37,11 +37,7 @@ class Progress:
         self.update(0.0, message)
 
     def update(self, fraction: float, message: str = "", **figures: float) -> None:
-        """Report `fraction` (0..1) of the current stage, with optional figures such as `residual`. A safe point.
-
-        Raises:
-            Cancelled: when the user asked to stop.
-        """
+        """Report `fraction` (0..1) of the current stage, with optional figures such as `residual`. A safe point."""
         self.check()
         self._emit({"type": "progress", "stage": self.stage, "fraction": round(float(fraction), 4), "message": message, **figures})
 
@@ -54,11 +50,7 @@ class Progress:
         self._emit({"type": "warning", "stage": self.stage, "message": message})
 
     def check(self) -> None:
-        """A safe point without a report. Call it at least twice a second.
-
-        Raises:
-            Cancelled: when the user asked to stop.
-        """
+        """A safe point without a report."""
         if self._cancelled():
             raise Cancelled
 

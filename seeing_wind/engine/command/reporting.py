@@ -23,9 +23,6 @@ def report_result(take: Take, recovery: Recovery, level: str, clip: str, draw: D
         level: how much of it is drawn, see `look.report.write_report`.
         clip: path that the report names; "" for trajectories.
         draw: draws it, keeping in the journal what is made, and returns what report.json holds.
-
-    Raises:
-        Cancelled: at a safe point.
     """
     from ..recovery.diagnostics.remarks import distrusted
 

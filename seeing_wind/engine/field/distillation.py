@@ -78,10 +78,8 @@ def distill(
     Args:
         recovery: forces (T, N, 3) [N/m³] at x[t], and their posterior deviation.
         particles: the body, for its spacing.
-        fps: frames per second.
         representation: causal_triplane, kplanes or point.
         seed: of the weights' start and the batches; the same seed gives the same field.
-        progress: told about the fit in fractions of it.
         journal: keeps how far the fit has come; its stamp must tell all other arguments.
 
     Raises:

@@ -26,7 +26,6 @@ class ForceField(ABC):
 
     Args:
         box: (2, 3) lower and upper corner of the region that the field was made for, world metres.
-        fps: frames per second.
         frames: T, how many frame intervals the field knows.
 
     Raises:

@@ -36,11 +36,7 @@ ALPHA_WEIGHT = 0.2
 
 
 def dress(built: Built | SheetBuilt, observation: Observation, progress: Progress) -> Body:
-    """The body with Gaussians that show frame 0 as the clip has it.
-
-    Raises:
-        Cancelled: between iterations.
-    """
+    """The body with Gaussians that show frame 0 as the clip has it."""
     rough = pixel_aligned(built.relief, observation.image, built.particles.x)
     gaussians, quality = fit(rough, built.relief, observation.image, progress=progress, behind=observation.background)
     if quality < POOR_LOOK:
@@ -65,9 +61,6 @@ def fit(
 
     Returns:
         the Gaussians and their PSNR inside the mask [dB], over what is behind.
-
-    Raises:
-        Cancelled: between iterations.
     """
     return fit_views(gaussians, [View(relief.camera, relief.mask, image, behind)], progress or NoProgress(), iterations)
 

@@ -99,9 +99,6 @@ def fit_appearance(body: Body, recovery: Recovery, footage: Footage, progress: P
 
     Returns:
         at least the body's own Gaussians, with degree-2 harmonics; `body.gaussians` unchanged where no frame can be used.
-
-    Raises:
-        Cancelled: between frames and between iterations.
     """
     progress = progress or NoProgress()
     chosen = frames_fitted(footage.masks, recovery)

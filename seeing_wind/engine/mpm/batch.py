@@ -53,7 +53,6 @@ def rollout_batch(
     Copy b feels a_p = sum_j phi[p, j] coefficients[b, t, j] with the gradient (sum_j c_j dphi_j/dX) F^-1, F at the frame's start.
 
     Args:
-        start: the state in which all copies start.
         phi: (N, P) basis at the particles' rest positions.
         dphi: (N, P, 3) its gradient with respect to rest positions [1/m].
         coefficients: (B, T, P, 3) [m/s²].
@@ -65,7 +64,6 @@ def rollout_batch(
     Raises:
         SimulationError: with `strict`, as `rollout`.
         UsageError: for arrays that do not fit the model.
-        Cancelled: when the user asked to stop.
     """
     count, progress = model.particles, progress or NoProgress()
     if phi.ndim != 2 or phi.shape[0] != count or dphi.shape != (*phi.shape, 3) or coefficients.shape[2:] != (phi.shape[1], 3):

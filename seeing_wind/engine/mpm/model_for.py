@@ -44,7 +44,6 @@ def model_for(
     Args:
         particles: one body, or several; their particles follow each other in the model in this order.
         material: one for all, or one per body.
-        fps: frames per second.
         gravity: (3,) [m/s²].
         mass_scale: factor on the density, one for all or one per body.
         speed: fastest motion expected [m/s], besides that of `pin_path`; more substeps above about one cell per substep.

@@ -25,7 +25,6 @@ def rollout(
     """Simulate T frames, on as many cores as the body is worth.
 
     Args:
-        state: at the first frame.
         acceleration: (T, N, 3) of the external force, f / rho [m/s²], held over each frame; gravity comes from the model.
         gradient: (T, N, 3, 3), d a_i / d x_j [1/s²]; None is zero.
         first_frame: number of the first frame, for messages and for the pins' path.
@@ -35,7 +34,6 @@ def rollout(
         SimulationError: when a frame breaks even with half the dt, or a value is not finite; it names frame, substep, particle and
             quantity.
         UsageError: for arrays that do not fit the model, and an unknown precision.
-        Cancelled: when the user asked to stop.
     """
     progress = progress or NoProgress()
     dtype_of(precision)

@@ -83,10 +83,8 @@ def tangents(
     """Motion under a force, and how it changes to first order.
 
     Args:
-        start: the body at the first frame.
         phi, dphi: (N, P) basis at the particles' rest positions, (N, P, 3) its gradient [1/m]; the force is as in `rollout_batch`.
         coefficients: (T, P, 3) [m/s²].
-        changes: directions.
         journal: keeps how far the frames have come.
         wanted: of the changes in each frame; asked for frame 0 with no changes, too, which tells its shape.
 
@@ -96,7 +94,6 @@ def tangents(
     Raises:
         SimulationError: when the simulation breaks even with half the dt.
         UsageError: for a model with colliders.
-        Cancelled: when the user asked to stop.
     """
     if model.movers or model.collider_grid.active:
         raise UsageError("Changes of a motion are not carried past colliders.", "Leave the colliders out.")

@@ -40,7 +40,6 @@ def observe(clip: str | Path, settings: ObserveSettings, progress: Progress, jou
 
     Raises:
         ClipError, ObjectError, UsageError: as the parts say (`read_clip`, `first_mask`, `find_camera`, `object_depth`, `read_tracks`).
-        Cancelled: at a safe point, at least twice a second.
     """
     with one_thread(), ThreadPoolExecutor(1) as beside:
         return _observe(clip, settings, progress, journal or Journal(), beside)

@@ -46,12 +46,8 @@ def recover(
     """Find the force density that makes the simulated body move as observed.
 
     Args:
-        particles: the body at rest, at frame 0.
         material: its constants; the density turns accelerations into force densities.
         targets: points in 3D [m], or tracks [px] of one or several cameras over the same frames.
-        fps: frames per second.
-        settings: gravity, and the number of iterations at most.
-        progress: told of every part of the work; asked for cancelling at least twice a second.
         journal: keeps what is found on the way; its stamp must tell all other arguments.
         known: the body as another clip told it.
 
@@ -64,7 +60,6 @@ def recover(
         ObjectError: fewer than three frames, a body that cannot be simulated (all held, particles in one place), or points that no
             force explains.
         SimulationError: when the simulation breaks down even at the start.
-        Cancelled: when the user asked to stop.
     """
     began = time.monotonic()
     check_body(particles, fps)

@@ -40,5 +40,4 @@ class ForceFieldLattice(ForceField):
 
     @classmethod
     def from_file(cls, tensors: dict[str, np.ndarray], metadata: dict[str, str], box: np.ndarray, fps: float, frames: int) -> Self:
-        """See `ForceField.from_file`."""
         return cls(box, fps, frames, tensors["force"], tensors["row"])

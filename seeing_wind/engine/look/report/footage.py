@@ -43,7 +43,6 @@ def film(observation: Observation, recovery: Recovery, small: Observation, keep:
 
     Raises:
         ClipError: the clip is not there any more, is shorter than the recovery or of another size, or there is no room on disk.
-        Cancelled: between frames.
     """
     last = observation.first_frame + observation.frames
     size = small.image.shape[0], small.image.shape[1]

@@ -40,11 +40,7 @@ class Products:
         self.record: dict[str, Any] = {"level": level, "seconds": {}, "missing": {}}
 
     def make(self, name: str, work: Callable[[], T], *, timed: bool = True) -> T | None:
-        """What `work` returns; None where it fails, which is told in a warning. Not `timed`: its seconds are not kept.
-
-        Raises:
-            Cancelled: as `work` does.
-        """
+        """What `work` returns; None where it fails, which is told in a warning. Not `timed`: its seconds are not kept."""
         started = time.perf_counter()
         try:
             result = work()

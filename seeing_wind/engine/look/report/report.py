@@ -49,14 +49,10 @@ def write_report(
         settings: of the recovery, repeated in the report.
         truth: the known field of a synthetic clip; adds the paper's two errors. Never part of the recovery.
         wind: what `recovery.wind.stage` says of it; None or empty where none was asked for.
-        journal: keeps what was made so far.
 
     Returns:
         What report.json holds. Its `report` tells of this report: `level`, `seconds` per product, and `missing`, the products that could
         not be made, each with a sentence why.
-
-    Raises:
-        Cancelled: at a safe point.
     """
     progress = progress or NoProgress()
     sampled = sample_points(field, recovery.x[:-1])

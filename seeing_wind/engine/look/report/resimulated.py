@@ -149,11 +149,7 @@ def likeness(footage: Footage, body: Body, recovery: Recovery, frames: list[int]
 
 
 def look_over_clip(footage: Footage, body: Body, recovery: Recovery, progress: Progress | None = None) -> Body:
-    """The body with Gaussians whose look fits the whole clip along the simulated motion (`look.over_clip`).
-
-    Raises:
-        Cancelled: between frames and between iterations.
-    """
+    """The body with Gaussians whose look fits the whole clip along the simulated motion (`look.over_clip`)."""
 
     def background(t: int, image: np.ndarray, box: Box) -> np.ndarray:
         return behind(footage.seen, t, image, box)

@@ -65,7 +65,6 @@ class Body:
 
         Raises:
             SimulationError: when it breaks both times.
-            Cancelled: when the user asked to stop.
         """
         for substeps in (self.model.substeps, 2 * self.model.substeps):
             run = self.packing.start(state, acceleration, gradient, frame, substeps)

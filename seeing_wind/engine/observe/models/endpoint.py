@@ -89,7 +89,6 @@ def ask(endpoint: Endpoint, question: str, images: list[np.ndarray], progress: P
 
     Raises:
         ModelError: no connection, an error from the server, or an answer that is not one.
-        Cancelled: while waiting.
     """
     content: list[dict[str, Any]] = [{"type": "text", "text": question}]
     content += [{"type": "image_url", "image_url": {"url": data_url(image)}} for image in images]

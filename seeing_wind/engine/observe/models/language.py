@@ -95,7 +95,6 @@ def estimate(endpoint: Endpoint, frame: np.ndarray, mask: np.ndarray, progress: 
 
     Raises:
         ModelError: the endpoint does not answer, or twice with something that is not wanted.
-        Cancelled: while waiting.
     """
     crop = crop_object(frame, mask)
     what = checked(endpoint, WHAT, [frame, crop], check_what, progress)

@@ -56,7 +56,6 @@ def build(
     Raises:
         MaterialError: an unknown material or numbers that are not physical, or that no sheet has.
         ObjectError: no object in frame 0, too few pixels, no depth on it, or a pin off the object.
-        Cancelled: at a safe point, when the user asked to stop.
     """
     settings, progress = settings or BuildSettings(), progress or NoProgress()
     material = material_of(settings)

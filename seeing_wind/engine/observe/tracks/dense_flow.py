@@ -20,9 +20,6 @@ def dense_flow(frames: Frames, masks: Masks, progress: Progress) -> list[Flow | 
 
     Args:
         frames: (T+1, H, W, 3) uint8 RGB; masks: (T+1, H, W) bool. The shift of the silhouette's centroid is where the search begins.
-
-    Raises:
-        Cancelled: between frames.
     """
     solver = FlowSolver()
     flows: list[Flow | None] = []

@@ -47,9 +47,6 @@ def recognise(frames: Frames, masks: Masks, progress: Progress) -> Recognised:
 
     Args:
         frames: (T+1, H, W, 3) uint8 RGB; masks: (T+1, H, W) bool, the object.
-
-    Raises:
-        Cancelled: between frames.
     """
     xy, look = _features(frames[0], masks[0])
 

@@ -60,7 +60,6 @@ class ImageLoss:
     """Mean absolute colour difference |I - pi(G)| in a crop round the object, divided by how much the frame changed.
 
     Args:
-        frames: clip, silhouettes and Gaussians.
         dtype: float32, or float64 to check derivatives.
 
     Raises:

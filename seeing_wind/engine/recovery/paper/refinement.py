@@ -72,9 +72,6 @@ def refine(
     Args:
         field: distilled from `recovery`; point forces have nothing to refine.
         particles, material: the body as it was recovered, the material as given.
-
-    Raises:
-        Cancelled: when the user asked to stop.
     """
     if not isinstance(field, ForceFieldNeural):
         progress.warn("The field was not refined: point forces are those that were solved for.")

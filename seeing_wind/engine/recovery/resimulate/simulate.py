@@ -84,7 +84,6 @@ def simulate_bodies(
     Raises:
         UsageError: a mesh, a list of pins, a start frame, forces or a strength that do not fit; MaterialError: an unknown material.
         SimulationError: the motion broke; the message names the body.
-        Cancelled: when the user asked to stop.
     """
     progress = progress or NoProgress()
     if not edit.body:

@@ -82,8 +82,6 @@ def follow(solver: Solver, pace: Pace, share: tuple[float, float]) -> FirstField
     """Unknowns that track the whole block.
 
     Args:
-        solver: the block.
-        pace: how finely.
         share: of the block's progress, from and to.
     """
     what = "Following the object again, finely" if pace is FINELY else "Following the object"

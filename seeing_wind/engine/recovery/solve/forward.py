@@ -174,9 +174,7 @@ class Forward:
         """d (raw residuals) / d theta[active], (number active, T+1, channels), with the rough model or, where that breaks, the fine one.
 
         Args:
-            theta: (n,) the point.
             active: (n,) bool, the unknowns to differentiate by.
-            objective: whose residuals.
             scale: (n,) expected sizes of the unknowns.
 
         Raises:

@@ -52,7 +52,6 @@ def warm_start(
 
     Args:
         forward: simulations with the few modes of the start.
-        objective: what to follow.
         size: (3,) expected root mean square of each component of the field [m/s²].
         speed: (V,) standard deviations of the initial velocities [m/s].
         state: at frame `begin`; None starts at rest in frame 0 and finds the initial velocity too.

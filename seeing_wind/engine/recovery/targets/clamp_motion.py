@@ -111,9 +111,7 @@ def clamp_motion(particles: Particles, targets: PointTargets, fps: float) -> Cla
     """How what is held moves; None where it stands still, or too little of it is seen to tell.
 
     Args:
-        particles: the body at rest.
         targets: points in 3D; those on held particles show the clamp.
-        fps: frames per second.
 
     Raises:
         UsageError, ObjectError: targets that cannot be right.

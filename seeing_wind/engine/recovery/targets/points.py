@@ -247,7 +247,6 @@ def wild(targets: PointTargets, start: np.ndarray, modes: np.ndarray, spacing: f
     """(T+1, K) bool: points that a smooth displacement of the others cannot explain.
 
     Args:
-        targets: what was observed.
         start: (K, 3) the points at rest [m].
         modes: (K, M) smooth functions over them.
         spacing: of the particles [m].

@@ -115,9 +115,7 @@ def felt_force(
 
     Args:
         density: of the body [kg/m³].
-        surface: of the body.
         basis: the modes, orthonormal over what is free.
-        fps: frames per second.
     """
     mass = density * particles.volume * ~particles.pinned
     total = float(mass.sum())

@@ -45,8 +45,6 @@ def tie(
     """Places in frame 0 of the tracks that begin later.
 
     Args:
-        observation: the tracks and masks.
-        surface: of the body in frame 0.
         points: (K, 3) the key points of the tracks that begin in frame 0 [m]; other rows are not used.
         first: (K,) the frame in which each track begins; negative for those that are not to be tied.
 

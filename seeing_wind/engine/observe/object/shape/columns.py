@@ -109,11 +109,7 @@ def _cells(indices: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def spacing_for(relief: Relief, metric: np.ndarray, count: int, progress: Progress) -> float:
-    """Lattice spacing [m] that gives about `count` particles, by bisection on its logarithm.
-
-    Raises:
-        Cancelled: at a safe point.
-    """
+    """Lattice spacing [m] that gives about `count` particles, by bisection on its logarithm."""
     pixel = np.sqrt(np.linalg.det(metric))
     finest, coarsest = MIN_SPACING_PIXELS * pixel, np.sqrt(relief.mask.sum()) * pixel
     low, high = np.log(finest), np.log(max(coarsest, finest))

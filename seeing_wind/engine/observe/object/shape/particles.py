@@ -57,7 +57,6 @@ def fill(
 
     Raises:
         ObjectError: count below 1, or a pin that lies off the object.
-        Cancelled: at a safe point.
     """
     if count < 1:
         raise ObjectError(f"{count} particles cannot stand for a body.", "Ask for some hundreds.")
