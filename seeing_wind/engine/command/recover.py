@@ -275,7 +275,7 @@ def recover_trajectories(arguments: argparse.Namespace, progress: Progress) -> R
             from ..look.report import write_trajectory_report
 
             return write_trajectory_report(
-                take, particles, material, recovery, field, seconds, settings, None, progress, arguments.report, wind.told, expected
+                take, particles, material, recovery, field, seconds, settings, progress, arguments.report, wind.told, expected
             )
 
         return report_result(take, recovery, arguments.report, "", draw, progress)

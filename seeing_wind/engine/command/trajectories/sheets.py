@@ -68,7 +68,7 @@ def recover_sheet(arguments: argparse.Namespace, progress: Progress) -> dict[str
 
             told = found.wind.told if found.wind.field is not None or arguments.field == "auto" else None
             return write_trajectory_report(
-                take, found.particles, source.sheet.as_solid("sheet"), recovery, found.field, found.seconds, settings, None, progress,
+                take, found.particles, source.sheet.as_solid("sheet"), recovery, found.field, found.seconds, settings, progress,
                 arguments.report, told,
             )  # fmt: skip
 

@@ -59,9 +59,6 @@ def _headline(figures: dict[str, Any]) -> str:
         factor, unit = _display_unit(figures["residual_unit"])
         parts.append(f"residual {factor * figures['residual']['median']:.2f} {unit}")
     parts.append(f"confidence {100 * figures['confidence']['mean']:.0f} %")
-    if "truth" in figures:
-        truth = figures["truth"]
-        parts.append(f"error {truth['magnitude_percent']:.1f} %, {truth['direction_degrees']:.1f}° against the known field")
     return "   ·   ".join(parts)
 
 

@@ -13,7 +13,7 @@ from ...field.confidence import farthest_points
 from ...field.sampling import sample_points
 from ...observe.clip.video import video_writer
 from ...progress import NoProgress, Progress
-from ...records import Camera, Observation, Recovery
+from ...records import Observation, Recovery
 from ...take import Take
 from .colours import force_colours, scale_top
 from .drawing import Dials, draw_arrow
@@ -75,7 +75,7 @@ class _Drawing:
         self.mean = everywhere.mean(axis=1)
         self.top = scale_top(np.linalg.norm(everywhere, axis=-1))
         self.dials = Dials(self.size, self.top, float(np.linalg.norm(self.mean, axis=1).max()))
-        self.metres = LONGEST * height * _depth(self.camera, recovery.x[0], 0) / self.camera.fy
+        self.metres = LONGEST * height * float(np.abs(self.camera.project(recovery.x[0].mean(axis=0), 0)[1])) / self.camera.fy
 
     def draw(self, image: np.ndarray, number: int) -> np.ndarray:
         """Frame `number` (H, W, 3) RGB with arrows and dials, at the video's size. The last frame repeats the last interval's force."""
@@ -106,7 +106,3 @@ def _carriers(observation: Observation, x: np.ndarray) -> np.ndarray:
     apart = max(height, width) / 26
     count = int(np.clip(observation.masks[0].sum() / apart**2, 7, 70))
     return farthest_points(x[0], min(count, x.shape[1]))
-
-
-def _depth(camera: Camera, x: np.ndarray, number: int) -> float:
-    return float(np.abs(camera.project(x.mean(axis=0), number)[1]))

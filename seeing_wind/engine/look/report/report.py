@@ -15,7 +15,6 @@ from ...settings import RecoverSettings, to_mapping
 from ...take import Take
 from ..over_clip import frames_fitted
 from ..ply import write_ply
-from .accuracy import field_errors, uniform_errors
 from .figure import draw_report
 from .footage import Footage, film, reduced
 from .overlay import write_overlay
@@ -32,7 +31,6 @@ def write_report(
     seconds: dict[str, float],
     settings: RecoverSettings | None = None,
     progress: Progress | None = None,
-    truth: ForceField | None = None,
     level: Level = "full",
     wind: dict[str, Any] | None = None,
     expected: dict[str, float] | None = None,
@@ -47,7 +45,6 @@ def write_report(
         seconds: wall-clock seconds per stage.
         expected: seconds that a stage was expected to take before it began, by its name.
         settings: of the recovery, repeated in the report.
-        truth: the known field of a synthetic clip; adds the paper's two errors. Never part of the recovery.
         wind: what `recovery.wind.stage` says of it; None or empty where none was asked for.
 
     Returns:
@@ -57,7 +54,7 @@ def write_report(
     progress = progress or NoProgress()
     sampled = sample_points(field, recovery.x[:-1])
     confidence = sampled[1]
-    figures = _figures(body.particles, body.material, recovery, field, confidence, seconds, expected, settings, truth)
+    figures = _figures(body.particles, body.material, recovery, field, confidence, seconds, expected, settings)
     _add_wind(figures, wind)
     figures["clip"] = {"path": observation.clip, "first_frame": observation.first_frame, "tracks": int(observation.xy.shape[1])}
     products = Products(level, progress, journal or Journal())
@@ -95,7 +92,6 @@ def write_trajectory_report(
     field: ForceField,
     seconds: dict[str, float],
     settings: RecoverSettings | None = None,
-    truth: ForceField | None = None,
     progress: Progress | None = None,
     level: Level = "full",
     wind: dict[str, Any] | None = None,
@@ -103,7 +99,7 @@ def write_trajectory_report(
 ) -> dict[str, Any]:
     """Write report.json and report.png of a recovery from 3D trajectories: there is no clip to draw on. As `write_report`."""
     confidence = sample_points(field, recovery.x[:-1])[1]
-    figures = _figures(particles, material, recovery, field, confidence, seconds, expected, settings, truth)
+    figures = _figures(particles, material, recovery, field, confidence, seconds, expected, settings)
     _add_wind(figures, wind)
     products = Products(level, progress or NoProgress(), Journal())
     figures["report"] = products.record
@@ -151,7 +147,6 @@ def _figures(
     seconds: dict[str, float],
     expected: dict[str, float] | None,
     settings: RecoverSettings | None,
-    truth: ForceField | None,
 ) -> dict[str, Any]:
     strength = np.linalg.norm(recovery.force_density, axis=-1)
     net = np.einsum("tnc,n->tc", recovery.force_density, particles.volume)
@@ -188,8 +183,6 @@ def _figures(
         figures["expected_seconds"] = {stage: round(foreseen, 3) for stage, foreseen in expected.items()}
     if settings is not None:
         figures["settings"] = to_mapping(settings)
-    if truth is not None:
-        figures["truth"] = _against(truth, recovery, particles, field)
     return figures
 
 
@@ -205,17 +198,3 @@ def _residual(residual: np.ndarray) -> dict[str, float]:
     if not len(seen):
         return {}
     return {"median": float(np.median(seen)), "p90": float(np.percentile(seen, 90)), "max": float(seen.max())}
-
-
-def _against(truth: ForceField, recovery: Recovery, particles: Particles, field: ForceField) -> dict[str, float]:
-    """Both fields asked where the recovered particles were."""
-    points, free = recovery.x[:-1], ~particles.pinned
-    want, got = sample_points(truth, points)[0], sample_points(field, points)[0]
-    magnitude, direction = field_errors(want, got, free)
-    flat_magnitude, flat_direction = uniform_errors(want, free)
-    return {
-        "magnitude_percent": magnitude,
-        "direction_degrees": direction,
-        "uniform_magnitude_percent": flat_magnitude,
-        "uniform_direction_degrees": flat_direction,
-    }

@@ -20,8 +20,6 @@ from .losses import Rider, project, smooth_length
 
 NEIGHBOURS = 8
 """Lifted points from which the depth at a pixel is blended."""
-SMOOTH = 0.1
-"""Distances below this share of the scale count as squares."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +69,7 @@ class FlowDepthLoss:
         pixels, along = project(self.rider.follow(x, self.use), self.scene.camera, self.frame)
         across = (pixels - self.goal) * (along.detach() / self.scene.camera.fx)[:, None]
         miss = torch.cat([across, (along - self.depth)[:, None]], dim=1)
-        return smooth_length(miss / self.scale, SMOOTH).mean()
+        return smooth_length(miss / self.scale).mean()
 
     def _targets(self, before: np.ndarray, frame: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Points to use (U,), pixels (U, 2) and depths (U,) [m] they should have; `before` (K, 3) is where they were one frame ago."""

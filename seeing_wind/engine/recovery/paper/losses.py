@@ -72,7 +72,7 @@ class TrackingLoss:
                 miss = (pixels - torch.from_numpy(one.xy[frame, seen])) * metres
                 sigma = one.sigma[frame, seen]
                 weight = torch.from_numpy(np.median(sigma) / sigma)
-            parts.append((weight * smooth_length(miss / self.scale, SMOOTH)).sum() / weight.sum())
+            parts.append((weight * smooth_length(miss / self.scale)).sum() / weight.sum())
         return torch.stack(parts).mean() if parts else 0.0 * x.sum()
 
     def distance(self, x: np.ndarray) -> np.ndarray:
@@ -110,6 +110,6 @@ def project(points: torch.Tensor, camera: Camera, frame: int) -> tuple[torch.Ten
     return torch.stack([camera.fx * local[:, 0] / depth + camera.cx, camera.fy * local[:, 1] / depth + camera.cy], dim=1), depth
 
 
-def smooth_length(vectors: torch.Tensor, smooth: float) -> torch.Tensor:
+def smooth_length(vectors: torch.Tensor) -> torch.Tensor:
     """(K, c) -> (K,) lengths, differentiable at zero."""
-    return (vectors.square().sum(dim=-1) + smooth**2).sqrt() - smooth
+    return (vectors.square().sum(dim=-1) + SMOOTH**2).sqrt() - SMOOTH

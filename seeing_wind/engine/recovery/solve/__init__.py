@@ -8,5 +8,5 @@
     forward.py       unknowns in, trajectories and Jacobians out
     stiffness.py     Young's modulus and the clamp as unknowns      section.py  how stiffness is spread over a section
     known_body.py    both, from another clip of the same body
-    solver.py        what `first_field` asks of `block`             constants.py  how far and how finely it goes
+    solver.py        one block: simulations and solves of it        constants.py  how far and how finely it goes
 """

@@ -9,30 +9,24 @@ followed by steps of both.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
 from ...errors import SimulationError
-from ...mpm.model import Model
-from ...mpm.state import State, Trajectory
-from ...progress import Journal, Progress
-from ...records import Particles
-from ..prior.basis import SpatialBasis, knots_between, velocity_basis
+from ...mpm.state import Trajectory
 from ..prior.constants import PRIOR
 from ..prior.kernel import Prior, knots_for_variance, modes_for_variance
-from ..prior.learning import Expected, learn_hyperparameters, learn_kernel, prior_along, track_misfit
-from ..targets.objective import Objective
+from ..prior.learning import learn_hyperparameters, learn_kernel, prior_along, track_misfit
 from ..targets.tracks import TrackChannels, wild_frames
 from .constants import PACE
 from .first_field import FINELY, FLOWING, USUAL, Pace, follow, strayed
 from .forward import Forward
-from .gauss_newton import Linearisation, Solution, cost_of
-from .gauss_newton import solve as gauss_newton
+from .gauss_newton import Solution, cost_of
 from .onward import Onward, continue_block
-from .problem import Problem, whitened
+from .problem import whitened
+from .solver import Solver
 from .stiffness import Joint, Stiffness, shortened, stiffest
 
 
@@ -54,32 +48,13 @@ class Found:
 
 
 @dataclass
-class BlockSolver:
+class BlockSolver(Solver):
     """One block on its way from a rough start to the final solve."""
 
-    particles: Particles
-    model: Model
-    """With the stiffness given."""
-    objective: Objective
-    """Of the block alone."""
-    basis: SpatialBasis
-    """All modes that the data can tell apart."""
-    expected: Expected
-    start: State | None
-    """The body at the block's first frame; None is at rest in its built shape with an unknown velocity."""
-    iterations: int
-    progress: Progress
-    tell: Callable[[float, str, float | None], None]
-    """Told the fraction done, what is being done, and the misfit in the observations' standard deviations (root mean square)."""
-    still: np.ndarray
-    """(T,) bool: the block's frames without a force."""
-    stiffness: Stiffness = field(default_factory=partial(Stiffness, free=False))
     joint: Joint | None = None
     """Of the last solve with the stiffness free."""
     before: Onward | None = None
     """What the block before knows of this one."""
-    journal: Journal = Journal()
-    """Keeps what is found on the way."""
 
     def run(self) -> Found:
         """All parts in order; where one iteration is all that is allowed, without the fine one."""
@@ -217,72 +192,5 @@ class BlockSolver:
                 theta = theta + joint.chord(theta, white[0], solution.point.jacobian, prior.precision())
         return None
 
-    def _model(self) -> Model:
-        return self.stiffness.of(self.model, self.particles)
-
-    def _rough(self, stiffness: Stiffness | None = None) -> Model:
-        model = (stiffness or self.stiffness).of(self.model, self.particles)
-        return replace(model, substeps=math.ceil(PACE.rough * model.substeps / model.refined))
-
     def _flows(self) -> bool:
         return self.model.plastic and any(isinstance(one, TrackChannels) for one in self.objective.channels)
-
-    def knot(self, wanted: float) -> float:
-        """Frames between knots: `wanted`, or a power of two times it, so that a field on coarse knots is one on finer too.
-
-        Sparser than wanted when the dense solve would become too large; finer where still air says that the force ends at once.
-        """
-        affordable = 3.0 * self.basis.phi.shape[1] * np.count_nonzero(~self.still) / PACE.unknowns
-        knot = max(1.0, 0.5 * wanted) if self.still.any() else wanted
-        while knot < affordable:
-            knot *= 2.0
-        return knot
-
-    def early_model(self) -> Model:
-        """The body before the fine solve: rough, unless it is held, and so judged by how it answers, or flows, which hangs on substeps."""
-        return self._model() if self.particles.pinned.any() or self.model.plastic else self._rough()
-
-    def forward(self, basis: SpatialBasis, knot: float, frames: int, model: Model | None = None) -> Forward:
-        """Simulations of the block's first `frames` with these modes, and the fine model of the stiffness so far unless told otherwise."""
-        velocity, gradient = velocity_basis(self.particles.x, basis, self.particles.pinned)
-        if self.start is not None:
-            velocity, gradient = velocity[:0], gradient[:0]
-        x = self.particles.x
-        model, when = model or self._model(), knots_between(self.still[:frames], knot)
-        return Forward(model, self._rough(), x, basis, when, velocity, gradient, self.progress, self.start, self.journal)
-
-    def solve(
-        self,
-        forward: Forward,
-        prior: Prior,
-        theta: np.ndarray,
-        iterations: int,
-        share: tuple[float, float],
-        what: str,
-        active: np.ndarray | None = None,
-        point: Linearisation | None = None,
-        tolerance: float = PACE.tolerance,
-        per_unknown: float = PACE.tolerance_per_unknown,
-    ) -> Solution:
-        """Gauss-Newton from theta over the frames that `forward` has; unknowns that are not `active` stay, and the solution lacks them
-        but for its theta, which is whole."""
-        active = np.ones(len(theta), bool) if active is None else active
-        problem = Problem(forward, self.objective.until(len(forward.hats)), prior, theta, active)
-        misfit: float | None = None
-
-        def linearise(candidate: np.ndarray) -> Linearisation:
-            nonlocal misfit
-            found = problem.linearise(candidate)
-            misfit = problem.objective.misfit(found.residual)
-            return found
-
-        def report(iteration: int, cost: float) -> None:
-            done = share[0] + (share[1] - share[0]) * max(iteration - 1, 0) / max(iterations, 1)
-            self.tell(done, f"{what}, iteration {iteration}", misfit)
-
-        work = partial(
-            gauss_newton, theta[active], *problem.belief(), problem.residuals, linearise, iterations, report, point, tolerance,
-            per_unknown,
-        )  # fmt: skip
-        solution = self.journal.once("solve", Solution, work, theta, active, prior.precision(), iterations)
-        return replace(solution, theta=problem.whole(solution.theta[None])[0])

@@ -1,28 +1,40 @@
-"""What the first field of a block (`first_field`) asks of the solver that it is found for (`block.BlockSolver`)."""
+"""A block of a clip as it is solved: its body, what is observed and believed of it, simulations of it, and one Gauss-Newton solve.
+
+`block` puts solves in order; `first_field` and `onward` begin with some of their own.
+"""
 
 from __future__ import annotations
 
-from typing import Protocol
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
 from ...mpm.model import Model
 from ...mpm.state import State
-from ...progress import Journal
+from ...progress import Journal, Progress
 from ...records import Particles
-from ..prior.basis import SpatialBasis
+from ..prior.basis import SpatialBasis, knots_between, velocity_basis
 from ..prior.kernel import Prior
 from ..prior.learning import Expected
 from ..targets.objective import Objective
 from .constants import PACE
 from .forward import Forward
-from .gauss_newton import Solution
+from .gauss_newton import Linearisation, Solution
+from .gauss_newton import solve as gauss_newton
+from .problem import Problem
+from .stiffness import Stiffness
 
 
-class Solver(Protocol):
-    """One block of a clip, with what is observed in it and what is believed of its force."""
+@dataclass
+class Solver:
+    """One block."""
 
     particles: Particles
+    model: Model
+    """With the stiffness given."""
     objective: Objective
     """Of the block alone."""
     basis: SpatialBasis
@@ -32,20 +44,45 @@ class Solver(Protocol):
     """The body at the block's first frame; None is at rest in its built shape with an unknown velocity."""
     iterations: int
     """Jacobians that a solve may use at most."""
-    journal: Journal
+    progress: Progress
+    tell: Callable[[float, str, float | None], None]
+    """Told the fraction done, what is being done, and the misfit in the observations' standard deviations (root mean square)."""
+    still: np.ndarray
+    """(T,) bool: the block's frames without a force."""
+    stiffness: Stiffness = field(default_factory=partial(Stiffness, free=False))
+    journal: Journal = Journal()
     """Keeps what is found on the way."""
 
-    def tell(self, fraction: float, what: str, misfit: float | None, /) -> None:
-        """Report the fraction done, what is being done, and the misfit in the observations' standard deviations."""
+    def _model(self) -> Model:
+        return self.stiffness.of(self.model, self.particles)
+
+    def _rough(self, stiffness: Stiffness | None = None) -> Model:
+        model = (stiffness or self.stiffness).of(self.model, self.particles)
+        return replace(model, substeps=math.ceil(PACE.rough * model.substeps / model.refined))
 
     def knot(self, wanted: float) -> float:
-        """Frames between knots: `wanted`, or sparser where the dense solve would become too large."""
+        """Frames between knots: `wanted`, or a power of two times it, so that a field on coarse knots is one on finer too.
+
+        Sparser than wanted when the dense solve would become too large; finer where still air says that the force ends at once.
+        """
+        affordable = 3.0 * self.basis.phi.shape[1] * np.count_nonzero(~self.still) / PACE.unknowns
+        knot = max(1.0, 0.5 * wanted) if self.still.any() else wanted
+        while knot < affordable:
+            knot *= 2.0
+        return knot
 
     def early_model(self) -> Model:
-        """The body before the fine solve."""
+        """The body before the fine solve: rough, unless it is held, and so judged by how it answers, or flows, which hangs on substeps."""
+        return self._model() if self.particles.pinned.any() or self.model.plastic else self._rough()
 
     def forward(self, basis: SpatialBasis, knot: float, frames: int, model: Model | None = None) -> Forward:
-        """Simulations of the block's first `frames` with these modes."""
+        """Simulations of the block's first `frames` with these modes, and the fine model of the stiffness so far unless told otherwise."""
+        velocity, gradient = velocity_basis(self.particles.x, basis, self.particles.pinned)
+        if self.start is not None:
+            velocity, gradient = velocity[:0], gradient[:0]
+        x = self.particles.x
+        model, when = model or self._model(), knots_between(self.still[:frames], knot)
+        return Forward(model, self._rough(), x, basis, when, velocity, gradient, self.progress, self.start, self.journal)
 
     def solve(
         self,
@@ -56,7 +93,29 @@ class Solver(Protocol):
         share: tuple[float, float],
         what: str,
         active: np.ndarray | None = None,
-        *,
+        point: Linearisation | None = None,
         tolerance: float = PACE.tolerance,
+        per_unknown: float = PACE.tolerance_per_unknown,
     ) -> Solution:
-        """Gauss-Newton from theta over the frames that `forward` has, of the unknowns that are `active`."""
+        """Gauss-Newton from theta over the frames that `forward` has; unknowns that are not `active` stay, and the solution lacks them
+        but for its theta, which is whole."""
+        active = np.ones(len(theta), bool) if active is None else active
+        problem = Problem(forward, self.objective.until(len(forward.hats)), prior, theta, active)
+        misfit: float | None = None
+
+        def linearise(candidate: np.ndarray) -> Linearisation:
+            nonlocal misfit
+            found = problem.linearise(candidate)
+            misfit = problem.objective.misfit(found.residual)
+            return found
+
+        def report(iteration: int, cost: float) -> None:
+            done = share[0] + (share[1] - share[0]) * max(iteration - 1, 0) / max(iterations, 1)
+            self.tell(done, f"{what}, iteration {iteration}", misfit)
+
+        work = partial(
+            gauss_newton, theta[active], *problem.belief(), problem.residuals, linearise, iterations, report, point, tolerance,
+            per_unknown,
+        )  # fmt: skip
+        solution = self.journal.once("solve", Solution, work, theta, active, prior.precision(), iterations)
+        return replace(solution, theta=problem.whole(solution.theta[None])[0])

@@ -27,11 +27,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class DragLaw:
-    """Coefficients of the law.
-
-    Raises:
-        ValueError: for a coefficient below zero, or air without density.
-    """
+    """Coefficients of the law."""
 
     normal: float = 1.17
     """C_n, of a square or round plate across the wind (Hoerner 1965, Fluid-Dynamic Drag, section 3-5). Long strips: 1.98."""
@@ -40,10 +36,6 @@ class DragLaw:
     0.4 for cards of a tenth of their width in thickness (Andersen, Pesavento and Wang 2005)."""
     density: float = 1.2
     """rho [kg/m³], of air at 20 °C and sea level."""
-
-    def __post_init__(self) -> None:
-        if not (self.normal >= 0.0 and self.tangential >= 0.0 and self.density > 0.0):
-            raise ValueError(f"a drag law of C_n {self.normal}, C_t {self.tangential} and {self.density} kg/m³")
 
 
 AIR = DragLaw()

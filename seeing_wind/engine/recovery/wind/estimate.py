@@ -11,7 +11,6 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Protocol
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
@@ -23,6 +22,7 @@ from ..prior.evidence import maximise_evidence
 from ..prior.kernel import Kernel, Places, Prior
 from ..solve.gauss_newton import Linearisation, Solution, solve
 from .felt import Felt
+from .together import FeltTogether
 
 MOST_KNOTS = 24
 """In time. A longer clip has one every few frames."""
@@ -61,41 +61,8 @@ class Estimate:
     """Natural logarithm, of the modes of the force, in units of 1 m/s²."""
 
 
-class Observed(Protocol):
-    """What `Felt` and `together.FeltTogether` have in common: D data in each of T frames, and P modes of the wind."""
-
-    @property
-    def measured(self) -> np.ndarray:
-        """(T, D) [m/s²]."""
-
-    @property
-    def deviation(self) -> np.ndarray:
-        """(T, D) their standard deviation [m/s²]."""
-
-    @property
-    def net(self) -> np.ndarray:
-        """(D,) bool: of a net force, not of its variation over a body."""
-
-    @property
-    def size(self) -> np.ndarray:
-        """(D,) root mean square acceleration of the body that each is of [m/s²]."""
-
-    @property
-    def modes(self) -> int:
-        """P."""
-
-    @property
-    def uniform_modes(self) -> list[int]:
-        """Those that are the same everywhere on a body."""
-
-    def uniform(self) -> np.ndarray:
-        """(T, 3) a first wind [m/s]."""
-
-    def predicted(self, wind: np.ndarray) -> np.ndarray:
-        """(T, P, 3) [m/s] -> (T, D) [m/s²]."""
-
-    def slopes(self, wind: np.ndarray) -> np.ndarray:
-        """(T, D, P, 3) [1/s]."""
+Observed = Felt | FeltTogether
+"""D data in each of T frames, and P modes of the wind."""
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ import numpy as np
 from ...records import Particles, Recovery
 from ..prior.basis import SpatialBasis
 from ..prior.stretch import stretch_rows
-from .drag import AIR, DragLaw, face_force_derivative, face_forces
+from .drag import AIR, face_force_derivative, face_forces
 from .surface import BodySurface
 
 RANK = 1e-3
@@ -50,7 +50,6 @@ class Felt:
     """(T, E, 3) [m²]."""
     mass: float
     """M [kg], of what is free."""
-    law: DragLaw
     closed: bool
 
     @property
@@ -76,13 +75,13 @@ class Felt:
 
     def predicted(self, wind: np.ndarray) -> np.ndarray:
         """What would be measured (T, D) [m/s²] in a wind of coefficients (T, P, 3) [m/s]."""
-        force = face_forces(self._relative(wind), self.normals, self.law, self.closed)
+        force = face_forces(self._relative(wind), self.normals, closed=self.closed)
         modes = np.einsum("ej,tei->tji", self.phi * self.share[:, None], force) / self.mass
         return np.einsum("tdji,tji->td", self.seen, modes)
 
     def slopes(self, wind: np.ndarray) -> np.ndarray:
         """d predicted[t, d] / d wind[t, k, b], (T, D, P, 3) [1/s]: a frame's wind matters to that frame only."""
-        slope = face_force_derivative(self._relative(wind), self.normals, self.law, self.closed)
+        slope = face_force_derivative(self._relative(wind), self.normals, closed=self.closed)
         pairs = np.einsum("ej,ek->ejk", self.phi * self.share[:, None], self.phi).reshape(len(self.phi), -1)
         both = np.einsum("eq,teab->tqab", pairs, slope, optimize=True) / self.mass
         modes = self.phi.shape[1]
@@ -102,14 +101,14 @@ class Felt:
         if not self.closed:
             facing = np.abs(np.einsum("tei,ti->te", self.normals, direction)).sum(axis=1)
         area = np.maximum(facing, 0.1 * np.median(facing))[:, None]
-        return self.velocity.mean(axis=1) + direction * np.sqrt(2.0 * self.mass * size / (self.law.density * self.law.normal * area))
+        return self.velocity.mean(axis=1) + direction * np.sqrt(2.0 * self.mass * size / (AIR.density * AIR.normal * area))
 
     def _relative(self, wind: np.ndarray) -> np.ndarray:
         return np.einsum("ek,tki->tei", self.phi, wind) - self.velocity
 
 
 def felt_force(
-    recovery: Recovery, particles: Particles, density: float, surface: BodySurface, basis: SpatialBasis, fps: float, law: DragLaw = AIR
+    recovery: Recovery, particles: Particles, density: float, surface: BodySurface, basis: SpatialBasis, fps: float
 ) -> Felt:
     """What the recovered force did to the body.
 
@@ -135,7 +134,6 @@ def felt_force(
         velocity=fps * np.diff(np.stack([attachment.follow(x) for x in recovery.x]), axis=0),  # all at once takes too much memory
         normals=0.5 * (np.stack(places[:-1]) + np.stack(places[1:])),
         mass=total,
-        law=law,
         closed=surface.closed,
     )
 

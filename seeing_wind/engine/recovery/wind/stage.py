@@ -145,7 +145,7 @@ def felt_in(
     mass = material.density * particles.volume * ~particles.pinned
     basis = spatial_basis(particles.x, mass, MODES).up_to(DEGREE)
     still = still_frames(solving, len(recovery.force_density))
-    return felt_force(recovery, particles, material.density, surface_of(body, particles), basis, fps, AIR).without(still), basis, still
+    return felt_force(recovery, particles, material.density, surface_of(body, particles), basis, fps).without(still), basis, still
 
 
 def _force_evidence(felt: Felt, basis: SpatialBasis, path: np.ndarray, progress: Progress) -> float:

@@ -20,23 +20,20 @@ from .felt import Felt
 
 @dataclass(frozen=True)
 class FeltTogether:
-    """What several bodies felt in the same frames, as one observation: their data and their modes one after the other."""
+    """What several bodies felt in the same frames as one `Felt`: their data and their modes one after the other."""
 
     parts: tuple[Felt, ...]
 
     @cached_property
     def measured(self) -> np.ndarray:
-        """(T, D) [m/s²]."""
         return np.concatenate([one.measured for one in self.parts], axis=1)
 
     @cached_property
     def deviation(self) -> np.ndarray:
-        """(T, D) [m/s²]."""
         return np.concatenate([one.deviation for one in self.parts], axis=1)
 
     @property
     def net(self) -> np.ndarray:
-        """(D,) bool: of a net force."""
         return np.concatenate([one.net for one in self.parts])
 
     @property
@@ -46,7 +43,6 @@ class FeltTogether:
 
     @property
     def modes(self) -> int:
-        """P, of all."""
         return sum(one.modes for one in self.parts)
 
     @property
@@ -60,7 +56,6 @@ class FeltTogether:
         return first
 
     def predicted(self, wind: np.ndarray) -> np.ndarray:
-        """(T, P, 3) [m/s] -> (T, D) [m/s²]."""
         return np.concatenate([one.predicted(wind[:, rows]) for one, rows in self._with_modes()], axis=1)
 
     def slopes(self, wind: np.ndarray) -> np.ndarray:

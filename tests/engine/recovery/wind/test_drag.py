@@ -94,8 +94,3 @@ def test_a_mesh_blown_along_follows_the_closed_form_at_any_step_and_never_passes
         np.testing.assert_allclose(v[:, 2], u * (1.0 - 1.0 / (1.0 + k * u * t * dt)), rtol=1e-9)
         assert v[:, 2].max() < u
     assert np.abs(v[:, :2]).max() < 1e-12
-
-
-def test_coefficients_below_zero_are_refused():
-    with pytest.raises(ValueError, match="drag law"):
-        DragLaw(normal=-1.0)

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.recovery.prior.basis import spatial_basis
-from seeing_wind.engine.recovery.wind.drag import AIR
 from seeing_wind.engine.recovery.wind.estimate import force_problem, places_of, solved, wind_of
 from seeing_wind.engine.recovery.wind.felt import felt_force
 from seeing_wind.engine.recovery.wind.surface import particle_surface
@@ -77,7 +76,7 @@ def test_what_only_stretches_the_body_is_no_observation(blown):
     np.testing.assert_allclose(squeezed.measured, plain.measured, atol=1e-9)
     turning = np.zeros_like(recovery.force_density)
     turning[..., 2] = 500.0 * particles.x[:, 0]
-    turned = felt_force(replace(recovery, force_density=recovery.force_density + turning), particles, DENSITY, surface, basis, FPS, AIR)
+    turned = felt_force(replace(recovery, force_density=recovery.force_density + turning), particles, DENSITY, surface, basis, FPS)
     assert np.abs(turned.measured[:, 3:]).max() > 0.5
 
 
