@@ -19,7 +19,7 @@ from ...mpm.state import Trajectory
 from ..prior.constants import PRIOR
 from ..prior.kernel import Prior, knots_for_variance, modes_for_variance
 from ..prior.learning import learn_hyperparameters, learn_kernel, prior_along, track_misfit
-from ..targets.tracks import TrackChannels, wild_frames
+from ..targets.tracks import TrackChannels
 from .constants import PACE
 from .first_field import FINELY, FLOWING, USUAL, Pace, follow, strayed
 from .forward import Forward
@@ -44,7 +44,7 @@ class Found:
     joint: Joint | None
     """How the force hangs together with a stiffness that was free."""
     wild: np.ndarray
-    """(T,) bool, see `wild_frames`."""
+    """(T,) bool, see `Objective.wild_frames`."""
 
 
 @dataclass
@@ -72,7 +72,7 @@ class BlockSolver(Solver):
             point=point, tolerance=PACE.last_tolerance, per_unknown=PACE.last_per_unknown,
         )  # fmt: skip
         last = replace(last, converged=last.converged and not draft)
-        path, wild = forward.trajectory(last.theta), wild_frames(self.objective)
+        path, wild = forward.trajectory(last.theta), self.objective.wild_frames()
         return Found(forward, prior, last, path, used + last.iterations, self.stiffness, self.joint, wild)
 
     def _from_the_start(self) -> tuple[Forward, Prior, Solution, int, int, bool]:

@@ -9,47 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 
+from .points import PointChannels
+from .tracks import TrackChannels
 
-class Channels(Protocol):
-    """One source of residuals: some time series over T + 1 frames."""
-
-    @property
-    def count(self) -> int:
-        """Number of series."""
-
-    @property
-    def used(self) -> np.ndarray:
-        """(T+1, count) bool: observed, and frame 0 left out (the simulation starts there)."""
-
-    @property
-    def points(self) -> np.ndarray:
-        """(K, N): particles -> observed points."""
-
-    def residual(self, x: np.ndarray, frame: int) -> np.ndarray:
-        """Particles (B, N, 3) at frame `frame` -> simulated minus observed (B, count), 0 where not used."""
-
-    def covariance(self, channel: int) -> np.ndarray:
-        """(T+1, T+1) covariance of one channel over the frames."""
-
-    def reweighted(self, residual: np.ndarray) -> Channels:
-        """The same channels, outliers of `residual` (T+1, count), NaN in frames that were not solved, given the variance that makes
-        them Huber."""
-
-    def mismatched(self, scale: float) -> Channels:
-        """The same channels with `scale` times the mismatch's standard deviation that they are given at first."""
-
-    def distance(self, x: np.ndarray) -> np.ndarray:
-        """(T+1, points) distances of the observed points for a trajectory (T+1, N, 3), NaN where not seen."""
-
-    def acceleration(self, x: np.ndarray, fps: float) -> float:
-        """Root mean square acceleration [m/s²] of what was observed, across the view; `x` (N, 3) is the rest state."""
-
-    def speed(self, x: np.ndarray, fps: float) -> float:
-        """Root mean square speed [m/s] of what was observed in the first frames, across the view."""
+Channels = PointChannels | TrackChannels
+"""One source of residuals: some time series over T + 1 frames."""
 
 
 class Objective:
@@ -157,3 +124,10 @@ class Objective:
         """(all K, N) of all observed points."""
         return np.concatenate([one.points for one in self.channels])
 
+    def wild_frames(self) -> np.ndarray:
+        """(T,) bool: frames whose later frame is wild in the tracks of any camera."""
+        wild = np.zeros(self.frames, bool)
+        for one in self.channels:
+            if isinstance(one, TrackChannels) and one.wild is not None:
+                wild |= one.wild[self.first + 1 :][: len(wild)]
+        return wild

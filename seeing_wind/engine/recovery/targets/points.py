@@ -46,6 +46,7 @@ class PointChannels:
     wild: np.ndarray
     """(T+1, K) bool, observed but wild."""
     used: np.ndarray
+    """(T+1, channels) bool: observed, and frame 0 left out (the simulation starts there)."""
     sigma: np.ndarray
     """(channels,) noise of one amplitude [m]."""
     mismatch: np.ndarray
@@ -63,9 +64,11 @@ class PointChannels:
 
     @property
     def count(self) -> int:
+        """Number of series."""
         return self.used.shape[1]
 
     def residual(self, x: np.ndarray, frame: int) -> np.ndarray:
+        """Particles (B, N, 3) at frame `frame` -> simulated minus observed (B, channels), 0 where not used."""
         amplitudes = np.tensordot(x, self.operator[frame], axes=([1], [1]))  # (B, 3, modes)
         difference = (amplitudes.transpose(0, 2, 1) - self.observed[frame]) @ self.frame
         if self.curve is not None:
@@ -88,19 +91,25 @@ class PointChannels:
         return float(np.median(self.sigma) ** 2), float(mismatch + np.finfo(float).tiny)
 
     def mismatched(self, scale: float) -> PointChannels:
+        """The same channels with `scale` times the mismatch's standard deviation that they are given at first."""
         return replace(self, mismatch_scale=scale)
 
     def reweighted(self, residual: np.ndarray) -> PointChannels:
+        """The same channels, outliers of `residual` (T+1, channels), NaN in frames that were not solved, given the variance that makes
+        them Huber."""
         return self  # wild points were left out at the start; the smooth modes of the others have no outliers
 
     def acceleration(self, x: np.ndarray, fps: float) -> float:
+        """Root mean square acceleration [m/s²] of what was observed, across the view; `x` (N, 3) is the rest state."""
         curvature = second_derivative(self.observed.reshape(len(self.used), -1), fps)
         return float(np.sqrt(np.mean(np.sum(curvature**2, axis=1))))
 
     def speed(self, x: np.ndarray, fps: float) -> float:
+        """Root mean square speed [m/s] of what was observed in the first frames, across the view."""
         return first_speed(self.observed.reshape(len(self.used), -1, 3), fps)
 
     def distance(self, x: np.ndarray) -> np.ndarray:
+        """(T+1, K) distances of the observed points for a trajectory (T+1, N, 3), NaN where not seen."""
         points = np.einsum("kn,tnc->tkc", self.points, x)
         return np.where(self.targets.visible, np.linalg.norm(points - self.targets.x, axis=-1), np.nan)
 

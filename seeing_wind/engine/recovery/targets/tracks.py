@@ -11,12 +11,11 @@ from ...records import Camera, Particles, TrackTargets
 from .channels import check, first_speed, second_derivative
 from .constants import NOISE
 from .mismatch import mismatch_covariance
-from .objective import Objective
 
 
 @dataclass(frozen=True)
 class TrackChannels:
-    """Tracks of one camera; channel 2 k + i is image axis i of track k."""
+    """Tracks of one camera, of the same form as `PointChannels`; channel 2 k + i is image axis i of track k."""
 
     targets: TrackTargets
     points: np.ndarray
@@ -192,12 +191,3 @@ def _affine(before: np.ndarray, after: np.ndarray, seen: np.ndarray) -> np.ndarr
 def _mean(points: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """(R, 1, 2) of points (R, n, 2) with weights (R, n, 1)."""
     return (weight * points).sum(axis=1, keepdims=True) / weight.sum(axis=1, keepdims=True)
-
-
-def wild_frames(objective: Objective) -> np.ndarray:
-    """(T,) bool: frames whose later frame is wild in the tracks of any camera."""
-    wild = np.zeros(objective.frames, bool)
-    for one in objective.channels:
-        if isinstance(one, TrackChannels) and one.wild is not None:
-            wild |= one.wild[objective.first + 1 :][: len(wild)]
-    return wild
