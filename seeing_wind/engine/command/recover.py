@@ -188,7 +188,7 @@ def _with_views(
     `views`: clip, camera and mask of each further view; `targets`: what the first one saw; `built`: stamp of the body as that shows it.
     """
     from ..look import write_ply
-    from ..look.multiview import with_views
+    from ..look.first_frame import with_views
     from ..observe.object.motion.views import view_targets
 
     sights, targets = [], list(targets)

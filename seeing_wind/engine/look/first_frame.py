@@ -12,9 +12,10 @@ from scipy.spatial.transform import Rotation
 
 from ..field.torch_threads import one_torch_thread
 from ..observe.object import Built, SheetBuilt
-from ..observe.object.shape.relief import Relief
-from ..progress import NoProgress, Progress
+from ..observe.object.shape.relief import clean_mask
+from ..progress import Progress
 from ..records import Body, Camera, Gaussians, Observation
+from .covering import joined, uncovered
 from .gaussians import SH0, Crop, pixel_aligned
 from .splatting import Tiles, blend, project, tiles_of
 
@@ -38,31 +39,12 @@ ALPHA_WEIGHT = 0.2
 def dress(built: Built | SheetBuilt, observation: Observation, progress: Progress) -> Body:
     """The body with Gaussians that show frame 0 as the clip has it."""
     rough = pixel_aligned(built.relief, observation.image, built.particles.x)
-    gaussians, quality = fit(rough, built.relief, observation.image, progress=progress, behind=observation.background)
+    view = View(built.relief.camera, built.relief.mask, observation.image, observation.background)
+    gaussians, quality = fit(rough, [view], progress)
     if quality < POOR_LOOK:
         progress.warn(f"The Gaussians show the object with {quality:.1f} dB only; forces do not depend on it.")
     progress.update(1.0, f"{len(gaussians.x)} Gaussians, {quality:.1f} dB", psnr=round(quality, 2))
     return built.body(gaussians)
-
-
-def fit(
-    gaussians: Gaussians,
-    relief: Relief,
-    image: np.ndarray,
-    iterations: int = ITERATIONS,
-    progress: Progress | None = None,
-    behind: np.ndarray | None = None,
-) -> tuple[Gaussians, float]:
-    """Optimise {Sigma^0, sigma, SH} on frame 0 by splatting (paper, section 3.1): scales, opacities and colours, by Adam.
-
-    Args:
-        image: (H, W, 3) uint8 RGB. Only the mask's box is rendered, reduced to at most about `FIT_PIXELS`.
-        behind: (H, W, 3) uint8 RGB, the frame without the object; None for black.
-
-    Returns:
-        the Gaussians and their PSNR inside the mask [dB], over what is behind.
-    """
-    return fit_views(gaussians, [View(relief.camera, relief.mask, image, behind)], progress or NoProgress(), iterations)
 
 
 @dataclass(frozen=True)
@@ -74,19 +56,20 @@ class View:
     """(H, W) bool."""
     image: np.ndarray
     """(H, W, 3) uint8 RGB."""
-    behind: np.ndarray | None = None
-    """(H, W, 3) uint8 RGB, the background alone, over which pixels of the outline are mixed; None for black."""
+    behind: np.ndarray
+    """(H, W, 3) uint8 RGB, the background alone, over which pixels of the outline are mixed."""
 
 
-def fit_views(
-    gaussians: Gaussians, views: Sequence[View], progress: Progress, iterations: int = ITERATIONS
-) -> tuple[Gaussians, float]:
-    """As `fit`, on the frames of several posed cameras at one moment. The PSNR is that of the first."""
-    with one_torch_thread():
-        return _fit(gaussians, views, iterations, progress)
+@one_torch_thread()
+def fit(gaussians: Gaussians, views: Sequence[View], progress: Progress, iterations: int = ITERATIONS) -> tuple[Gaussians, float]:
+    """Optimise {Sigma^0, sigma, SH} by splatting (paper, section 3.1): scales, opacities and colours, by Adam.
 
+    Args:
+        views: frames of several posed cameras at one moment, of which only the masks' boxes are rendered.
 
-def _fit(gaussians: Gaussians, views: Sequence[View], iterations: int, progress: Progress) -> tuple[Gaussians, float]:
+    Returns:
+        the Gaussians and their PSNR inside the first view's mask [dB], over what is behind.
+    """
     targets = [_target(view) for view in views]
     axes = torch.from_numpy(_axes(gaussians)).float()
     x = torch.from_numpy(gaussians.x).float()
@@ -155,8 +138,25 @@ def _target(view: View) -> tuple[Camera, torch.Tensor, torch.Tensor, torch.Tenso
     """Camera, object over background (h, w, 3), background (h, w, 3) and cover (h, w) of the mask's box, reduced by block means."""
     crop = Crop.around(view.mask, view.camera, 0, MARGIN, FIT_PIXELS)
     cover = crop.cut(view.mask).astype(np.float32)[..., None]
-    behind = np.zeros((*cover.shape[:2], 3), np.float32) if view.behind is None else crop.cut(view.behind).astype(np.float32) / 255.0
+    behind = crop.cut(view.behind).astype(np.float32) / 255.0
     # Off the object the background itself is wanted: other differences to it, shadows, are not the Gaussians' to show.
     target = cover * crop.cut(view.image).astype(np.float32) / 255.0 + (1.0 - cover) * behind
     shown, plain, covered = (torch.from_numpy(crop.reduced(part)) for part in (target, behind, cover))
     return crop.camera, shown, plain, covered[..., 0]
+
+
+def with_views(body: Body, first: Observation, further: Sequence[Observation], progress: Progress) -> tuple[Body, float]:
+    """The body, built from the first view, with Gaussians for all that frame 0 of any view shows, fitted on all of them.
+
+    Returns:
+        the body, and the PSNR inside the first view's mask [dB].
+
+    Raises:
+        ObjectError: a further view whose mask is empty.
+    """
+    views = [View(one.camera, clean_mask(one.masks[0]), one.image, one.background) for one in (first, *further)]
+    gaussians = body.gaussians
+    for view in views[1:]:
+        gaussians = joined(gaussians, uncovered(body, gaussians, view.camera, view.mask, view.image))
+    fitted, quality = fit(gaussians, views, progress)
+    return dataclasses.replace(body, gaussians=fitted), quality

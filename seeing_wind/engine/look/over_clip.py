@@ -91,7 +91,7 @@ class _Equations:
 def frames_fitted(masks: Masks, recovery: Recovery) -> np.ndarray:
     """The frames that `fit_appearance` uses, possibly none: spread over those that show the object and have a residual."""
     usable = (areas(masks[: len(recovery.x)]) > 0) & np.isfinite(recovery.residual)
-    return _spread(np.flatnonzero(usable), FITTED)
+    return spread_over(np.flatnonzero(usable), FITTED)
 
 
 def fit_appearance(body: Body, recovery: Recovery, footage: Footage, progress: Progress | None = None) -> Gaussians:
@@ -106,11 +106,11 @@ def fit_appearance(body: Body, recovery: Recovery, footage: Footage, progress: P
         return body.gaussians
     gaussians = body.gaussians
     with one_torch_thread():
-        for t in _spread(chosen, SIGHTS):
+        for t in spread_over(chosen, SIGHTS):
             progress.check()
             new = uncovered(body, gaussians, footage.camera, footage.masks[t], footage.frame(int(t)), int(t), recovery.x[t])
             gaussians = joined(gaussians, new)
-        motion = ((int(t), recovery.x[t], recovery.F[t]) for t in _spread(chosen, SIGHTS))
+        motion = ((int(t), recovery.x[t], recovery.F[t]) for t in spread_over(chosen, SIGHTS))
         gaussians = finer(gaussians, body.particles.x, footage.camera, motion)
         equations = []
         for number, t in enumerate(chosen):
@@ -120,7 +120,7 @@ def fit_appearance(body: Body, recovery: Recovery, footage: Footage, progress: P
         return dataclasses.replace(gaussians, sh=_fit_harmonics(gaussians, equations, progress))
 
 
-def _spread(frames: np.ndarray, count: int) -> np.ndarray:
+def spread_over(frames: np.ndarray, count: int) -> np.ndarray:
     """At most `count` of the frames, evenly spread, the first and the last among them."""
     if not len(frames):
         return frames

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from seeing_wind.engine.look.multiview import with_views
+from seeing_wind.engine.look.first_frame import with_views
 from seeing_wind.engine.look.splatting import render_gaussians
 from seeing_wind.engine.progress import NoProgress
 from seeing_wind.engine.records import Observation

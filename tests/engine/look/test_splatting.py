@@ -8,12 +8,12 @@ import torch
 
 from seeing_wind.engine.conventions import front_view
 from seeing_wind.engine.field.torch_threads import one_torch_thread
-from seeing_wind.engine.look.first_frame import fit
+from seeing_wind.engine.look.first_frame import View, fit
 from seeing_wind.engine.look.gaussians import pixel_aligned, rest_covariances, view_camera
 from seeing_wind.engine.look.splatting import PIXEL_FILTER, blend, project, render_gaussians, tiles_of
 from seeing_wind.engine.observe.object.shape.particles import fill
 from seeing_wind.engine.observe.object.shape.relief import relief_of
-from seeing_wind.engine.progress import Cancelled, Progress
+from seeing_wind.engine.progress import Cancelled, NoProgress, Progress
 from seeing_wind.engine.records import Camera
 
 from .test_gaussians_ply import some
@@ -94,8 +94,9 @@ def test_reduced_camera_sees_the_same_points() -> None:
 def test_fit_reaches_the_frame(plate) -> None:
     relief = relief_of(plate)
     start = pixel_aligned(relief, plate.image, fill(relief, 100).x, count=300)
-    _, before = fit(start, relief, plate.image, iterations=0)
-    fitted, after = fit(start, relief, plate.image, iterations=40)
+    view = View(relief.camera, relief.mask, plate.image, np.zeros_like(plate.image))
+    _, before = fit(start, [view], NoProgress(), iterations=0)
+    fitted, after = fit(start, [view], NoProgress())
     assert after > 30.0
     assert after > before + 4.0
     assert ((fitted.opacity > 0.0) & (fitted.opacity < 1.0)).all() and (fitted.scale > 0.0).all()
@@ -109,9 +110,10 @@ def test_fit_reaches_the_frame(plate) -> None:
 def test_fit_can_be_cancelled(plate) -> None:
     relief = relief_of(plate)
     start = pixel_aligned(relief, plate.image, fill(relief, 50).x, count=60)
+    view = View(relief.camera, relief.mask, plate.image, np.zeros_like(plate.image))
     asked = []
     threads = torch.get_num_threads()
     with pytest.raises(Cancelled):
-        fit(start, relief, plate.image, 30, Progress(cancelled=lambda: len(asked) > 2 or bool(asked.append(1))))
+        fit(start, [view], Progress(cancelled=lambda: len(asked) > 2 or bool(asked.append(1))))
     assert len(asked) == 3
     assert torch.get_num_threads() == threads

@@ -10,10 +10,11 @@ import numpy as np
 
 from ...errors import ClipError
 from ...masks import Masks
+from ...observe.clip.camera import resized
 from ...observe.clip.frames import Clip, read_clip
 from ...observe.clip.lens import Lens
 from ...progress import Progress
-from ...records import Camera, Observation, Recovery
+from ...records import Observation, Recovery
 
 LONGEST = 1280
 """Pixels of the longer side of the report's images and videos at most: they are looked at, not measured."""
@@ -75,16 +76,9 @@ def reduced(observation: Observation) -> Observation:
     scale = np.array(size) / [width, height]
     return replace(
         observation,
-        camera=_smaller(observation.camera, size, scale),
+        camera=resized(observation.camera, size[1], size[0]),
         image=smaller(observation.image),
         background=smaller(observation.background),
         masks=Masks.of(smaller(mask.astype(np.uint8) * np.uint8(255)) >= 128 for mask in observation.masks),
         xy=(observation.xy + 0.5) * scale - 0.5,
     )
-
-
-def _smaller(camera: Camera, size: tuple[int, int], scale: np.ndarray) -> Camera:
-    # Pixel centres are at integers in both sizes.
-    cx, cy = (np.array([camera.cx, camera.cy]) + 0.5) * scale - 0.5
-    fx, fy = camera.fx * scale[0], camera.fy * scale[1]
-    return replace(camera, width=size[0], height=size[1], fx=fx, fy=fy, cx=float(cx), cy=float(cy))

@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 import cv2
 import numpy as np
 
-from ...errors import ClipError
 from ...field import ForceField
 from ...field.confidence import farthest_points
 from ...field.sampling import sample_points
+from ...observe.clip.stored import Frames
 from ...observe.clip.video import video_writer
 from ...progress import NoProgress, Progress
 from ...records import Observation, Recovery
 from ...take import Take
 from .colours import force_colours, scale_top
 from .drawing import Dials, draw_arrow
+from .footage import check_length
 
 LONGER = 960
 """Clips whose longer side has fewer pixels are enlarged to at least these, or arrows and numbers would be coarse."""
@@ -30,7 +29,7 @@ SHOWN = 0.15
 
 def write_overlay(
     take: Take,
-    frames: Iterable[np.ndarray],
+    frames: Frames,
     observation: Observation,
     recovery: Recovery,
     field: ForceField,
@@ -40,7 +39,7 @@ def write_overlay(
     """Draw the field's forces at the moving particles on every frame and write overlay.mp4 into the take.
 
     Args:
-        frames: the clip's T + 1 frames (H, W, 3) uint8 RGB; observation: at their size.
+        frames: (T+1, H, W, 3) uint8 RGB; observation: at their size.
         recovery: its simulated particle positions carry the arrows.
         sampled: force density (T, N, 3) and confidence (T, N) of `field` at the particles, if they are known already: it takes long.
 
@@ -49,14 +48,11 @@ def write_overlay(
         TakeError, MissingPackage: when the video cannot be written.
     """
     progress = progress or NoProgress()
+    check_length(len(frames), recovery)
     drawing = _Drawing(observation, recovery, field.fps, sampled or sample_points(field, recovery.x[:-1]))
-    images = iter(frames)
     with take.writing("overlay.mp4") as path, video_writer(path, field.fps, drawing.size) as writer:
-        for number in range(recovery.x.shape[0]):
-            image = next(images, None)
-            if image is None:
-                raise ClipError(f"The clip has {number} frames, the recovery {len(recovery.x)}.", "Has the file been changed?")
-            writer.write(cv2.cvtColor(drawing.draw(image, number), cv2.COLOR_RGB2BGR))
+        for number in range(len(recovery.x)):
+            writer.write(cv2.cvtColor(drawing.draw(frames[number], number), cv2.COLOR_RGB2BGR))
             progress.update((number + 1) / len(recovery.x), "overlay.mp4")
 
 

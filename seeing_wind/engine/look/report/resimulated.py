@@ -132,8 +132,7 @@ def _in_parts(render: Callable[[int], np.ndarray], count: int, journal: Journal)
 def frames_measured(masks: Masks, recovery: Recovery) -> list[int]:
     """Frame 0 and at most `SAMPLED` later ones that show the object, evenly spread: those of a large clip that `likeness` is told of."""
     seen = 1 + np.flatnonzero(areas(masks[t] for t in range(1, len(recovery.x))) > 0)
-    spread = np.unique(np.linspace(0, len(seen) - 1, SAMPLED).round().astype(int)) if len(seen) else []
-    return ([0] if masks[0].any() else []) + [int(t) for t in seen[spread]]
+    return ([0] if masks[0].any() else []) + over_clip.spread_over(seen, SAMPLED).tolist()
 
 
 def likeness(footage: Footage, body: Body, recovery: Recovery, frames: list[int], progress: Progress | None = None) -> dict[str, float]:
