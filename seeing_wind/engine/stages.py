@@ -30,9 +30,6 @@ FILES = ("mask", "outline", "tracks", "depth", "camera", "pin")
 LIFTED = "lifted.npz"
 """Key points of the first view, (T+1, K, 3) [m], lifted by all views."""
 
-LATE_OFFSET = 0.5
-"""Standard deviation [px] of the place of a track that was not there in frame 0, at best."""
-
 
 def observe_stage(take: Take, clip: str, settings: ObserveSettings, progress: Progress, view: int = 0) -> tuple[Observation, str]:
     """Stage *observe* -> `observation.npz`. Returns the observation and its stamp.
@@ -79,7 +76,6 @@ def observation_stamp(clip: str, settings: ObserveSettings) -> str:
 
 def build_stage(take: Take, observation: Observation, upstream: str, settings: BuildSettings, progress: Progress) -> tuple[Body, str]:
     """Stage *build* -> `particles.npz` and `gaussians.ply`. Returns the body and its stamp."""
-    from .look import write_ply
     from .recovery.journal import TakeJournal
 
     stamp = stamp_of("build", VERSION, upstream, settings)
@@ -89,7 +85,7 @@ def build_stage(take: Take, observation: Observation, upstream: str, settings: B
     progress.begin("build", "building the body")
     with TakeJournal(take, stamp, progress) as journal:
         body = build_body(observation, settings, progress, journal)
-        write_gaussians(take, body.gaussians, write_ply)
+        write_gaussians(take, body.gaussians)
         take.write_arrays("particles.npz", to_arrays(body))
         take.finish("build", stamp, to_mapping(settings))
     return body, stamp
@@ -142,8 +138,10 @@ def build_body(
     return dress(build(observation, settings, progress.part(0.0, 0.2), journal), observation, progress.part(0.2, 1.0))
 
 
-def write_gaussians(take: Take, gaussians: Gaussians, write_ply) -> None:
+def write_gaussians(take: Take, gaussians: Gaussians) -> None:
     """`gaussians.ply` in the standard layout of 3D Gaussian splatting."""
+    from .look import write_ply
+
     with take.writing("gaussians.ply") as path:
         write_ply(path, gaussians)
 
@@ -216,12 +214,12 @@ def frame_loss(settings: RecoverSettings, observation: Observation, body: Body, 
 
 def track_targets(observation: Observation, body: Body) -> TrackTargets:
     """The observation's tracks as targets of the recovery, those left out that have no place on the body."""
-    import numpy as np
+    from .recovery.targets.constants import NOISE
 
     visible = observation.visible & np.isfinite(body.lifted).all(axis=-1)
     offset = None
     if any(body.tie_sigma):
         # Tracks tied through the body's estimated pose share its error, so their number does not average it out.
         sigma = np.array(body.tie_sigma)
-        offset = np.sqrt(LATE_OFFSET**2 + np.count_nonzero(sigma) * sigma**2)
+        offset = np.sqrt(NOISE.late_offset**2 + np.count_nonzero(sigma) * sigma**2)
     return TrackTargets(observation.xy, visible, observation.sigma, observation.camera, body.keypoints, offset)

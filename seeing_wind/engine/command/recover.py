@@ -187,7 +187,6 @@ def _with_views(
 
     `views`: clip, camera and mask of each further view; `targets`: what the first one saw; `built`: stamp of the body as that shows it.
     """
-    from ..look import write_ply
     from ..look.first_frame import with_views
     from ..observe.object.motion.views import view_targets
 
@@ -203,7 +202,7 @@ def _with_views(
     body = lift_stage(take, observation, body, targets, stamp, progress)
     body, _ = with_views(body, observation, sights, progress)
     take.withdraw("report")  # which writes that file, too
-    write_gaussians(take, body.gaussians, write_ply)
+    write_gaussians(take, body.gaussians)
     return body, targets, stamp
 
 

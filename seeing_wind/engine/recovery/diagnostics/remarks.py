@@ -95,11 +95,8 @@ def _size(particles: Particles, first: Channels, x: np.ndarray) -> tuple[float, 
 
 def _way(first: Channels) -> float:
     """How far a point went at most from where it was in the first frame [px or m]."""
-    if isinstance(first, PointChannels):
-        seen, visible = first.targets.x, first.targets.visible
-    else:
-        assert isinstance(first, TrackChannels)
-        seen, visible = first.targets.xy, first.targets.visible
+    seen = first.targets.x if isinstance(first, PointChannels) else first.targets.xy
+    visible = first.targets.visible
     return float(np.linalg.norm(np.where((visible & visible[0])[..., None], seen - seen[0], 0.0), axis=-1).max())
 
 
