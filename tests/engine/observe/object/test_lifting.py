@@ -99,11 +99,6 @@ def test_previous_frame_reference_follows_too(scene) -> None:
     assert errors(run(scene, arap="previous"), scene[0])[0] < 8e-3
 
 
-def test_difference_vectors_turn_rotation_into_false_depth(scene) -> None:
-    ours, paper = errors(run(scene), scene[0])[0], errors(run(scene, arap="difference"), scene[0])[0]
-    assert paper > 4.0 * ours
-
-
 def test_hidden_points_are_carried_and_unseen_ones_are_nan(scene) -> None:
     truth, xy, camera = scene
     visible = np.ones(xy.shape[:2], dtype=bool)

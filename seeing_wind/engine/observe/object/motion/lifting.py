@@ -1,9 +1,9 @@
 """Key points from pixels to 3D: P^0 by unprojection, then frame by frame reprojection with as-rigid-as-possible motion.
 
 Paper, section 3.4: P^0 = pi^-1(p^0, d) (Eq. (10)), then min |pi(P^{t+1}) - p^{t+1}| + lambda L_arap (Eq. (11)). The paper's L_arap compares
-difference vectors of neighbours (Eq. (12), mode "difference"), so a rotation out of the frame plane costs as much as a deformation and
-turns into false depth. The default compares with *rotated* difference vectors of frame 0 (Sorkine and Alexa, As-rigid-as-possible
-surface modeling, 2007), the rotation of every neighbourhood being found along with the points.
+difference vectors of neighbours (Eq. (12)), so a rotation out of the frame plane costs as much as a deformation and turns into false
+depth. Here they are compared with *rotated* difference vectors of an earlier frame (Sorkine and Alexa, As-rigid-as-possible surface
+modeling, 2007), the rotation of every neighbourhood being found along with the points.
 
 The result is for display and for a start; forces are fitted to the pixels themselves.
 """
@@ -21,8 +21,8 @@ from ....errors import ObjectError
 from ....progress import Journal, NoProgress, Progress
 from ....records import Camera, Recognised
 
-Arap = Literal["rest", "previous", "difference"]
-"""What neighbours are compared with: rotated frame 0 (elastic bodies), the rotated previous frame (plastic), the paper's Eq. (12)."""
+Arap = Literal["rest", "previous"]
+"""The frame that neighbours are compared with: frame 0 (elastic bodies) or the previous one (plastic)."""
 
 NEIGHBOURS = 8
 EDGE_SIGMA = 0.07
@@ -111,14 +111,13 @@ def lift_views(
     points = np.empty((frames, use.size, 3))
     points[0] = start[use]
     edges = neighbour_edges(points[0])
-    rotation = np.broadcast_to(np.eye(3), (use.size, 3, 3)).copy()
     loop = (journal or Journal()).loop("lift")
     done, kept = loop.resume()
     if done:
-        points[: done + 1], rotation = kept["points"], kept["rotation"]
+        points[: done + 1] = kept["points"]
 
     def state() -> dict[str, np.ndarray]:
-        return {"points": points[: done + 1], "rotation": rotation}
+        return {"points": points[: done + 1]}
 
     for t in range(done + 1, frames):
         progress.check()
@@ -128,7 +127,7 @@ def lift_views(
             seen = np.flatnonzero(one.visible[t, use] & np.isfinite(one.xy[t, use]).all(axis=1))
             views.append(_View(one.camera, seen, one.xy[t, use[seen]], np.maximum(one.sigma[t, use[seen]], 1e-3)))
         problem = _Frame(views, t, edges, points[0], held, arap)
-        points[t], rotation = problem.solve(ahead, points[t - 1], rotation)
+        points[t] = problem.solve(ahead, points[t - 1])
         done = t
         loop.reached(done, state)
     lifted[:, use] = points
@@ -167,23 +166,18 @@ class _Frame:
         if len(rest) == 1:
             self.radius = self.edge = 0.01 * float(np.linalg.norm(rest[0] - views[0].camera.pose(0)[:3, 3]))
 
-    def solve(self, ahead: np.ndarray, previous: np.ndarray, rotation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Points (K, 3) and rotations (K, 3, 3) of this frame from a start `ahead` and those of the frame before."""
-        if self.arap == "rest":
-            reference = self.rest
-        else:
-            reference, rotation = previous, np.broadcast_to(np.eye(3), rotation.shape)
+    def solve(self, ahead: np.ndarray, previous: np.ndarray) -> np.ndarray:
+        """Points (K, 3) of this frame from a start `ahead` and those of the frame before."""
+        reference = self.rest if self.arap == "rest" else previous
         points = np.where(self.held[:, None], self.rest, ahead)
         for _ in range(MAX_ITERATIONS):
-            if self.arap != "difference":
-                rotation = best_rotations(reference, points, self.edges)
-            step = self._step(points, ahead, reference, rotation)
+            step = self._step(points, ahead, reference)
             points = points + step
             if np.abs(step).max() < TOLERANCE * self.edge:
                 break
-        return points, rotation
+        return points
 
-    def _step(self, points: np.ndarray, ahead: np.ndarray, reference: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+    def _step(self, points: np.ndarray, ahead: np.ndarray, reference: np.ndarray) -> np.ndarray:
         """One Gauss-Newton step (K, 3)."""
         count = len(points)
         hessian = np.zeros((count, 3, count, 3))
@@ -191,7 +185,9 @@ class _Frame:
         everyone = np.arange(count)
         self._reprojection(points, hessian, gradient)
         if self.edges.shape[1]:
-            self._rigidity(points, reference, rotation, hessian, gradient)
+            rotation = best_rotations(reference, points, self.edges)
+            turned = np.matmul(reference[self.edges] - reference[:, None], rotation.transpose(0, 2, 1))  # (K, J, 3)
+            rigidity(points, self.edges, turned, EDGE_SIGMA * self.edge, hessian, gradient)
         # Across the view pixels and neighbours know better; what is left of the trust there only keeps the system regular.
         axes = self.views[0].camera.pose(self.frame)[:3, :3]
         along = 1.0 if len(self.views) == 1 else ACROSS_TRUST  # further cameras see along the first one's view
@@ -218,13 +214,6 @@ class _Frame:
             hessian[seen, :, seen, :] += np.matmul(weighted.transpose(0, 2, 1), jacobian)
             gradient[seen] += np.matmul(weighted.transpose(0, 2, 1), residual[..., None])[..., 0]
 
-    def _rigidity(
-        self, points: np.ndarray, reference: np.ndarray, rotation: np.ndarray, hessian: np.ndarray, gradient: np.ndarray
-    ) -> None:
-        """Add the edges (P_j - P_i) - R_i (Q_j - Q_i)."""
-        turned = np.matmul(reference[self.edges] - reference[:, None], rotation.transpose(0, 2, 1))  # (K, J, 3)
-        rigidity(points, self.edges, turned, EDGE_SIGMA * self.edge, hessian, gradient, difference=self.arap == "difference")
-
 
 def rigidity(
     points: np.ndarray,
@@ -233,30 +222,22 @@ def rigidity(
     sigma: float,
     hessian: np.ndarray,
     gradient: np.ndarray,
-    *,
-    difference: bool = False,
 ) -> None:
-    """Add the edges (P_j - P_i) - R_i (Q_j - Q_i) to a least-squares problem.
+    """Add the edges (P_j - P_i) - R_i (Q_j - Q_i) to a least-squares problem, but for what a small rotation of neighbourhood i mends.
 
     Args:
         points: (K, 3) P [m]; edges: (K, J) neighbours; turned: (K, J, 3) R_i (Q_j - Q_i) [m].
         sigma: allowed change of an edge [m].
         hessian: (K, 3, K, 3) and gradient: (K, 3), added to.
-        difference: the paper's Eq. (12); otherwise the edges are projected onto what no small rotation of neighbourhood i can mend.
     """
     count, fan = edges.shape
     residual = points[edges] - points[:, None] - turned
     inverse = 1.0 / sigma**2
+    turn = _cross_matrices(turned).reshape(count, 3 * fan, 3)
+    inner = np.matmul(turn.transpose(0, 2, 1), turn)
+    inner = inner + 1e-9 * np.trace(inner, axis1=1, axis2=2)[:, None, None] * np.eye(3) + 1e-300 * np.eye(3)
     project = np.broadcast_to(np.eye(3 * fan), (count, 3 * fan, 3 * fan)) * inverse
-    if difference:
-        # Eq. (12) has the length of the difference, not its square: reweighted, with a floor where it vanishes.
-        weight = sigma / np.maximum(np.linalg.norm(residual, axis=-1), 0.1 * sigma)
-        project = project * np.repeat(weight, 3, axis=1)[:, :, None]
-    else:
-        turn = _cross_matrices(turned).reshape(count, 3 * fan, 3)
-        inner = np.matmul(turn.transpose(0, 2, 1), turn)
-        inner = inner + 1e-9 * np.trace(inner, axis1=1, axis2=2)[:, None, None] * np.eye(3) + 1e-300 * np.eye(3)
-        project = project - inverse * np.matmul(turn, np.linalg.solve(inner, turn.transpose(0, 2, 1)))
+    project = project - inverse * np.matmul(turn, np.linalg.solve(inner, turn.transpose(0, 2, 1)))
     # d residual_j = dP_j - dP_i: spread the (3J x 3J) block to the points of the fan, the centre last with the negative sum.
     to_points = np.zeros((3 * fan, 3 * (fan + 1)))
     to_points[:, : 3 * fan] = np.eye(3 * fan)
