@@ -12,7 +12,7 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from ...records import Observation, Particles, Recovery
+from ...records import Observation, Recovery
 from .colours import force_colours
 
 INK, FAINT, GREY, PAPER = "#23272e", "#8a919c", "#c3c8d0", "#ffffff"
@@ -26,7 +26,6 @@ def draw_report(
     path: Path,
     figures: dict[str, Any],
     recovery: Recovery,
-    particles: Particles,
     fps: float,
     confidence: np.ndarray,
     observation: Observation | None,
@@ -47,7 +46,7 @@ def draw_report(
     _residual(residual, recovery, fps)
     _confidence(cover, figure, recovery, confidence)
     if observation is None:
-        _path(image, figure, recovery, particles)
+        _path(image, figure, recovery)
     else:
         _first_frame(image, observation)
     figure.savefig(path, format="png")
@@ -128,7 +127,7 @@ def _confidence(axes: Axes, figure: Figure, recovery: Recovery, confidence: np.n
     _bar(figure, axes, dots)
 
 
-def _path(axes: Axes, figure: Figure, recovery: Recovery, particles: Particles) -> None:
+def _path(axes: Axes, figure: Figure, recovery: Recovery) -> None:
     """Where the body went, coloured by the strength of the force on it."""
     a, b = _broad_axes(recovery.x.reshape(-1, 3))
     _dress(axes, "Path of the object, coloured by force density [N/m³]", f"{'xyz'[a]} [m]", f"{'xyz'[b]} [m]")

@@ -62,7 +62,7 @@ def write_report(
     if level == "none":
         return figures
     small, full = reduced(observation), level == "full"
-    _first(take, products, figures, recovery, body.particles, field.fps, confidence, small)
+    _first(take, products, figures, recovery, field.fps, confidence, small)
     measured = frames_measured(observation.masks, recovery) if full else []
     keep = {*measured, *frames_fitted(observation.masks, recovery).tolist()} if full else set(measured)
     footage = products.make("clip", lambda: film(observation, recovery, small, keep, progress))
@@ -104,7 +104,7 @@ def write_trajectory_report(
     products = Products(level, progress or NoProgress(), Journal())
     figures["report"] = products.record
     if level != "none":
-        _first(take, products, figures, recovery, particles, field.fps, confidence, None)
+        _first(take, products, figures, recovery, field.fps, confidence, None)
         products.make("report.json", lambda: take.write_json("report.json", figures), timed=False)
     return figures
 
@@ -114,7 +114,6 @@ def _first(
     products: Products,
     figures: dict[str, Any],
     recovery: Recovery,
-    particles: Particles,
     fps: float,
     confidence: np.ndarray,
     observation: Observation | None,
@@ -123,7 +122,7 @@ def _first(
 
     def page() -> None:
         with take.writing("report.png") as path:
-            draw_report(path, figures, recovery, particles, fps, confidence, observation)
+            draw_report(path, figures, recovery, fps, confidence, observation)
 
     products.make("report.png", page)
     products.make("report.json", lambda: take.write_json("report.json", figures), timed=False)

@@ -37,17 +37,17 @@ def predict(
     distance, index = np.take_along_axis(distance, near, axis=1), known[near]
     weight = ((distance < reach) & (index != np.arange(count)[:, None])).astype(np.float64)
     weight *= 1.0 / (1.0 + (distance / (0.5 * reach)) ** 2)
-    predicted, affine = _fit(rest, now, index, weight, previous, reach)
+    predicted, affine = _fit(rest, now, index, weight, previous)
     for _ in range(2):
         model = np.matmul(affine, np.swapaxes(rest[index] - rest[:, None, :], 1, 2)).swapaxes(1, 2) + predicted[:, None, :]
         off = np.linalg.norm(now[index] - model, axis=2)
         # Cauchy weights with a scale of one pixel: a lost neighbour must not pull.
-        predicted, affine = _fit(rest, now, index, weight / (1.0 + off**2), previous, reach)
+        predicted, affine = _fit(rest, now, index, weight / (1.0 + off**2), previous)
     return predicted, affine, (weight > 0).sum(axis=1)
 
 
 def _fit(
-    rest: np.ndarray, now: np.ndarray, index: np.ndarray, weight: np.ndarray, previous: np.ndarray, reach: float
+    rest: np.ndarray, now: np.ndarray, index: np.ndarray, weight: np.ndarray, previous: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Weighted ridge fit now = affine (rest - rest_k) + predicted, drawn to `previous` where the neighbours leave it open."""
     total = weight.sum(axis=1, keepdims=True) + 1e-12

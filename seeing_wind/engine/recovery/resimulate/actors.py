@@ -94,7 +94,7 @@ def enter(
         if recovered is None:
             raise UsageError(f"{body.name}: there is no recovered object here.", "Give a mesh instead.")
         if recovered[0].sheet is not None:
-            return sheets.enter_recovered(body, *recovered, base_dir, field.frames)
+            return sheets.enter_recovered(body, *recovered, base_dir)
         if body.shell or any(getattr(body, name) is not None for name in SHEET_UNITS):
             raise UsageError(f"{body.name}: the recovered object is a solid.", "Leave shell and its numbers out, or give a mesh.")
         actor = _enter_recovered(body, *recovered)

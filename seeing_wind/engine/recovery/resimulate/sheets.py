@@ -124,7 +124,7 @@ def enter(
     return Hanging(body, shell, velocity, vertex.ravel(), triangles, way, ridden)
 
 
-def enter_recovered(body: BodyEdit, filmed: Body, recovery: Recovery, base_dir: Path, frames: int) -> Hanging:
+def enter_recovered(body: BodyEdit, filmed: Body, recovery: Recovery, base_dir: Path) -> Hanging:
     """The clip's own sheet, as it was filmed but for what the edit changes; what held it holds it still, unless it is freed.
 
     Raises:
