@@ -217,12 +217,9 @@ def test_only_what_is_held_has_a_section():
 
 def test_it_is_free_only_for_held_bodies():
     body, free = post(), plate((2, 2, 7))
-    model, _ = model_for(body, RUBBER, FPS)
-    clay, _ = model_for(body, replace(RUBBER, law="von_mises", yield_stress=100.0), FPS)
     assert is_free(body, RecoverSettings())
     assert not is_free(body, RecoverSettings(stiffness="given"))
     assert not is_free(free, RecoverSettings())
-    assert is_free(body, clay, RecoverSettings())
 
 
 def test_the_setting_on_the_command_line():
