@@ -150,7 +150,8 @@ class Bundle:
         return name
 
     def _engine(self, call: list[str]) -> dict[str, Any]:
-        words = [self._path(Path(word)) if _is_path(word) else word for word in call]
+        # All paths of a job are absolute, and nothing else in a call is.
+        words = [self._path(Path(word)) if Path(word).is_absolute() else word for word in call]
         return _action("{{Param.Python}}", ["-c", ENGINE, *words])
 
     def _path(self, path: Path) -> str:
@@ -160,11 +161,6 @@ class Bundle:
                 return f"{{{{Param.Folder{k or ''}}}}}/{_plain(path.relative_to(folder).as_posix())}"
         self.folders.append(path.parent)
         return self._path(path)
-
-
-def _is_path(word: str) -> bool:
-    """All paths of a job are absolute, and nothing else in a call is."""
-    return Path(word).is_absolute()
 
 
 def _plain(text: str) -> str:
