@@ -73,11 +73,6 @@ def _keywords(one: Option) -> dict[str, Any]:
     return words | ({} if one.count is None else {"nargs": one.count or "+"})
 
 
-def whole(least: int, most: int, called: str) -> Any:
-    """A reader of whole numbers from `least` to `most`, for an option that is no setting."""
-    return Option("", flag=called, kind=int, minimum=least, maximum=most).read
-
-
 def path(text: str) -> str:
     """A path that is not blank: that would be the current folder."""
     if not text.strip():
@@ -172,7 +167,8 @@ def _batch(p: Parser) -> None:
     where.add_argument("--openjd", type=path, metavar="FOLDER", help="run nothing; write an Open Job Description bundle for a farm")
     p.add_argument("--shared", action="store_true", help="with --ray: every node sees the files under the same paths; nothing is shipped")
     attempts = "with --ray: how often a job is started at most, if its node dies (default: 3)"
-    p.add_argument("--attempts", type=whole(1, 100, "--attempts"), metavar="N", help=attempts)
+    number = Option("", flag="--attempts", kind=int, minimum=1, maximum=100)
+    p.add_argument("--attempts", type=number.read, metavar="N", help=attempts)
 
 
 def settings_of(cls: type, arguments: argparse.Namespace, **more: Any) -> Any:

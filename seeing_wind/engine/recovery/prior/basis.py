@@ -46,14 +46,13 @@ class SpatialBasis:
         return SpatialBasis(self.phi[:, keep], self.gradient[:, keep], self.degree[keep], self.size[keep], self.radius, self.centre)
 
 
-def spatial_basis(x: np.ndarray, mass: np.ndarray, modes: int, max_degree: int = PRIOR.max_degree) -> SpatialBasis:
+def spatial_basis(x: np.ndarray, mass: np.ndarray, modes: int) -> SpatialBasis:
     """At most `modes` smooth orthonormal functions of the rest positions.
 
     Args:
         x: (N, 3) rest positions [m].
         mass: (N,) weights of the inner product (mass, or ones).
         modes: most modes wanted; fewer come back for few particles or thin bodies.
-        max_degree: highest polynomial degree.
 
     Raises:
         ObjectError: when all points coincide but there are several of them.
@@ -72,7 +71,7 @@ def spatial_basis(x: np.ndarray, mass: np.ndarray, modes: int, max_degree: int =
     local = (x - centre) @ axes.T / radius
 
     phi, gradient, degree, size = [np.ones(len(x))], [np.zeros((len(x), 3))], [0], [1.0]
-    for order in range(1, max_degree + 1):
+    for order in range(1, PRIOR.max_degree + 1):
         exponents = itertools.product(range(order + 1), repeat=3)
         for exponent in (e for e in exponents if sum(e) == order and not any(np.array(e)[thin])):
             value, slope = _monomial(local, exponent)
