@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 
 from seeing_wind.engine.observe import observe
 from seeing_wind.engine.observe.object.motion.keypoints import held, place
-from seeing_wind.engine.observe.object.motion.lifting import Arap, lift
+from seeing_wind.engine.observe.object.motion.lifting import Sight, lift
 from seeing_wind.engine.observe.object.motion.views import lifted_together, view_targets
 from seeing_wind.engine.observe.object.shape.particles import fill
 from seeing_wind.engine.observe.object.shape.relief import relief_of
@@ -107,7 +107,7 @@ def track_figures(seen: Observation, truth: Truth) -> dict[str, float]:
     }
 
 
-def lifted_figures(seen: Observation, truth: Truth, arap: Arap, name: str) -> dict[str, float]:
+def lifted_figures(seen: Observation, truth: Truth, flows: bool, name: str) -> dict[str, float]:
     """Median errors of the displacements of the lifted tracks of frame 0: across and along the view [mm], and across in percent."""
     early = np.flatnonzero(seen.visible[0] & ~seen.on_centroid)
     short = dataclasses.replace(
@@ -115,7 +115,7 @@ def lifted_figures(seen: Observation, truth: Truth, arap: Arap, name: str) -> di
     )
     relief = relief_of(short)
     points = place(short, relief, fill(relief, 300))
-    lifted = lift(short.camera, short.xy, short.visible, short.sigma, points, held(short, points), arap)
+    lifted = lift([Sight(short.camera, short.xy, short.visible, short.sigma)], points, held(short, points), flows)
     across, along, travelled = [], [], []
     for t in range(1, len(lifted)):
         use = short.visible[t]
@@ -167,13 +167,13 @@ def figures_of(scene: Path) -> dict[str, float]:
     """Everything measured on one scene."""
     truth = read_truth(scene)
     seen, seconds = seen_in(scene, truth)
-    arap: Arap = "previous" if scene.name.startswith("clay") else "rest"
+    flows = scene.name.startswith("clay")
     flat = np.where(seen.masks[0], np.float32(true_distance(seen, scene)), np.float32(np.inf))
     return {
         **mask_figures(seen, truth),
         **track_figures(seen, truth),
-        **lifted_figures(seen, truth, arap, "depth"),
-        **lifted_figures(dataclasses.replace(seen, depth=flat), truth, arap, "distance"),
+        **lifted_figures(seen, truth, flows, "depth"),
+        **lifted_figures(dataclasses.replace(seen, depth=flat), truth, flows, "distance"),
         "seconds": seconds,
         **(together_figures(scene.parent, *TOGETHER[:2]) if scene.name == TOGETHER[0] else {}),
     }

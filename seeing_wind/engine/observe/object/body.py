@@ -14,7 +14,7 @@ from ...settings import FLOWING_PARTICLES, PARTICLES, SHEET_VERTICES, BuildSetti
 from ...settings.build import material_of, may_be_sheet
 from .motion.keypoints import held, place, ride
 from .motion.late import among, tie
-from .motion.lifting import Arap, lift
+from .motion.lifting import Sight, lift
 from .shape.on_stem import too_fine, widening
 from .shape.particles import fill
 from .shape.relief import Relief, area_of, relief_of
@@ -70,11 +70,10 @@ def build(
     surface = surface_of(relief, particles.x)
     points, tie_sigma = _key_points(observation, relief, particles, surface, progress)
     keypoints = ride(points, observation.on_centroid, particles)
-    # A body that flows forgets frame 0: its neighbourhoods are compared with the previous frame.
-    arap: Arap = "previous" if material.law in PLASTIC_LAWS else "rest"
     visible = observation.visible & np.isfinite(points).all(axis=1)
     sigma = np.hypot(observation.sigma, tie_sigma)
-    lifted = lift(observation.camera, observation.xy, visible, sigma, points, held(observation, points), arap, progress, journal)
+    sight = Sight(observation.camera, observation.xy, visible, sigma)
+    lifted = lift([sight], points, held(observation, points), material.law in PLASTIC_LAWS, progress, journal)
     progress.update(1.0, f"{len(points)} key points lifted, surface of {len(surface.vertices)} vertices")
     return Built(
         particles=particles,

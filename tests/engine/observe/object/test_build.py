@@ -109,7 +109,7 @@ def test_rendered_plate(shared) -> None:
     """The lift of true tracks of a rendered plate stays near the truth, and its body near the true one."""
     import json
 
-    from seeing_wind.engine.observe.object.motion.lifting import lift
+    from seeing_wind.engine.observe.object.motion.lifting import Sight, lift
     from seeing_wind.engine.records import Camera
 
     folder = shared / "truth" / "rendered" / "sheet_v0"
@@ -117,7 +117,8 @@ def test_rendered_plate(shared) -> None:
     camera = Camera(*(values[k] for k in ("width", "height", "fx", "fy", "cx", "cy")), np.array(values["camera_to_world"]))
     with np.load(folder / "tracks_truth.npz") as data:
         xy, xyz, visible = (data[k][:, ::4] for k in ("xy", "xyz", "visible"))
-    lifted = lift(camera, xy + 0.1 * np.random.default_rng(0).normal(size=xy.shape), visible, np.full(visible.shape, 0.3), xyz[0])
+    xy = xy + 0.1 * np.random.default_rng(0).normal(size=xy.shape)
+    lifted = lift([Sight(camera, xy, visible, np.full(visible.shape, 0.3))], xyz[0])
     local = np.stack([(lifted[t] - xyz[t]) @ camera.pose(t)[:3, :3] for t in range(1, len(xy))])
     assert np.median(np.abs(local[..., 2])) < 1e-3
     assert np.median(np.linalg.norm(local[..., :2], axis=-1)) < 2e-4

@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from seeing_wind.engine.errors import ObjectError
-from seeing_wind.engine.observe.object.motion.lifting import Sight, _Frame, best_rotations, lift, lift_views, neighbour_edges
+from seeing_wind.engine.observe.object.motion.lifting import Sight, _Frame, best_rotations, lift, neighbour_edges
 from seeing_wind.engine.progress import Cancelled, NoProgress, Progress
 from seeing_wind.engine.records import Camera
 from seeing_wind.engine.recovery import journal as journals
@@ -40,7 +40,7 @@ def errors(lifted: np.ndarray, truth: np.ndarray) -> tuple[float, float]:
 def run(scene, **options) -> np.ndarray:
     truth, xy, camera = scene
     visible = np.ones(xy.shape[:2], dtype=bool)
-    return lift(camera, xy, visible, np.full(visible.shape, 0.1), truth[0], **options)
+    return lift([Sight(camera, xy, visible, np.full(visible.shape, 0.1))], truth[0], **options)
 
 
 def test_rotation_aware_lift_follows_the_turn(scene) -> None:
@@ -85,18 +85,16 @@ def test_two_views_hold_a_stretching_plate(scene) -> None:
         xy = np.stack([eye.project(x)[0] for x in truth]) + 0.1 * rng.normal(size=(13, 40, 2))
         visible = np.tile(np.arange(40) % 2 == number, (13, 1))
         sights.append(Sight(eye, xy, visible, np.full(visible.shape, 0.1)))
-    together = errors(lift_views(sights, truth[0], arap="previous"), truth)
-    alone = errors(
-        lift_views([Sight(camera, sights[0].xy, sights[0].visible, sights[0].sigma)], truth[0], arap="previous")[:, ::2], truth[:, ::2]
-    )
+    together = errors(lift(sights, truth[0], flows=True), truth)
+    alone = errors(lift([sights[0]], truth[0], flows=True)[:, ::2], truth[:, ::2])
     assert together[0] < 3e-3 and together[1] < 1e-3
     assert alone[0] > 5.0 * together[0]
     with pytest.raises(ObjectError):
-        lift_views([sights[0], Sight(aside, sights[1].xy[:5], sights[1].visible[:5], sights[1].sigma[:5])], truth[0])
+        lift([sights[0], Sight(aside, sights[1].xy[:5], sights[1].visible[:5], sights[1].sigma[:5])], truth[0])
 
 
 def test_previous_frame_reference_follows_too(scene) -> None:
-    assert errors(run(scene, arap="previous"), scene[0])[0] < 8e-3
+    assert errors(run(scene, flows=True), scene[0])[0] < 8e-3
 
 
 def test_hidden_points_are_carried_and_unseen_ones_are_nan(scene) -> None:
@@ -108,7 +106,7 @@ def test_hidden_points_are_carried_and_unseen_ones_are_nan(scene) -> None:
     gaps[~visible] = np.nan
     start = truth[0].copy()
     start[7] = np.nan
-    lifted = lift(camera, gaps, visible, np.full(visible.shape, 0.1), start)
+    lifted = lift([Sight(camera, gaps, visible, np.full(visible.shape, 0.1))], start)
     assert np.isnan(lifted[:, 7]).all()
     assert np.isfinite(np.delete(lifted, 7, axis=1)).all()
     assert np.linalg.norm(lifted[-1, 3] - truth[-1, 3]) < 0.01
@@ -119,7 +117,7 @@ def test_outliers_do_not_pull(scene) -> None:
     bad = xy.copy()
     bad[6, 5] += 40.0
     visible = np.ones(xy.shape[:2], dtype=bool)
-    lifted = lift(camera, bad, visible, np.full(visible.shape, 0.1), truth[0])
+    lifted = lift([Sight(camera, bad, visible, np.full(visible.shape, 0.1))], truth[0])
     # 56 pixels, 560 sigma: Huber bounds the pull, and the next frames forget it.
     assert np.linalg.norm(lifted[6] - truth[6], axis=1).max() < 0.015
     assert np.median(np.linalg.norm(lifted[8:] - truth[8:], axis=-1)) < 3e-3
@@ -137,7 +135,7 @@ def test_one_point_moves_in_its_depth_plane() -> None:
     truth = np.array([[[0.01 * t, 0.02 * t, 1.0]] for t in range(5)])
     xy = np.stack([camera.project(x)[0] for x in truth])
     visible = np.ones((5, 1), dtype=bool)
-    lifted = lift(camera, xy, visible, np.full((5, 1), 0.1), truth[0])
+    lifted = lift([Sight(camera, xy, visible, np.full((5, 1), 0.1))], truth[0])
     assert lifted == pytest.approx(truth, abs=1e-4)
 
 
@@ -154,8 +152,8 @@ def test_bad_input_and_cancel(scene) -> None:
     visible = np.ones(xy.shape[:2], dtype=bool)
     sigma = np.full(visible.shape, 0.1)
     with pytest.raises(ObjectError):
-        lift(camera, xy, visible[:, :5], sigma, truth[0])
+        lift([Sight(camera, xy, visible[:, :5], sigma)], truth[0])
     with pytest.raises(ObjectError, match="depth"):
-        lift(camera, xy, visible, sigma, np.full_like(truth[0], np.nan))
+        lift([Sight(camera, xy, visible, sigma)], np.full_like(truth[0], np.nan))
     with pytest.raises(Cancelled):
-        lift(camera, xy, visible, sigma, truth[0], progress=Progress(cancelled=lambda: True))
+        lift([Sight(camera, xy, visible, sigma)], truth[0], progress=Progress(cancelled=lambda: True))

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -20,9 +19,6 @@ from scipy.spatial import cKDTree
 from ....errors import ObjectError
 from ....progress import Journal, NoProgress, Progress
 from ....records import Camera, Recognised
-
-Arap = Literal["rest", "previous"]
-"""The frame that neighbours are compared with: frame 0 (elastic bodies) or the previous one (plastic)."""
 
 NEIGHBOURS = 8
 EDGE_SIGMA = 0.07
@@ -54,43 +50,26 @@ class Sight:
 
 
 def lift(
-    camera: Camera,
-    xy: np.ndarray,
-    visible: np.ndarray,
-    sigma: np.ndarray,
+    sights: Sequence[Sight],
     start: np.ndarray,
     pinned: np.ndarray | None = None,
-    arap: Arap = "rest",
+    flows: bool = False,
     progress: Progress | None = None,
     journal: Journal | None = None,
 ) -> np.ndarray:
-    """Lift tracks to 3D.
+    """Lift the tracks of all cameras together: what one does not see, its neighbours' pixels in another hold, through rigidity.
 
     Args:
-        xy: (T+1, K, 2) [px]; visible: (T+1, K); sigma: (T+1, K) [px].
+        sights: one per camera, over the same frames and points.
         start: (K, 3) P^0 [m].
         pinned: (K,) points that are held where they are.
+        flows: the body forgets frame 0: neighbours are compared with the frame before.
 
     Returns:
         (T+1, K, 3) [m], NaN for a point that is seen in no frame. Where a point is hidden its neighbours carry it.
 
     Raises:
         ObjectError: shapes that do not fit, or a start that is not finite.
-    """
-    return lift_views([Sight(camera, xy, visible, sigma)], start, pinned, arap, progress, journal)
-
-
-def lift_views(
-    sights: Sequence[Sight],
-    start: np.ndarray,
-    pinned: np.ndarray | None = None,
-    arap: Arap = "rest",
-    progress: Progress | None = None,
-    journal: Journal | None = None,
-) -> np.ndarray:
-    """Lift the tracks of several cameras together: what one does not see, its neighbours' pixels in another hold, through rigidity.
-
-    Arguments, result and errors as `lift`, with one `Sight` per camera over the same frames and points.
     """
     frames = len(sights[0].xy)
     for one in sights:
@@ -126,8 +105,7 @@ def lift_views(
         for one in sights:
             seen = np.flatnonzero(one.visible[t, use] & np.isfinite(one.xy[t, use]).all(axis=1))
             views.append(_View(one.camera, seen, one.xy[t, use[seen]], np.maximum(one.sigma[t, use[seen]], 1e-3)))
-        problem = _Frame(views, t, edges, points[0], held, arap)
-        points[t] = problem.solve(ahead, points[t - 1])
+        points[t] = _Frame(views, t, edges, points[0], points[t - 1] if flows else points[0], held).solve(ahead)
         done = t
         loop.reached(done, state)
     lifted[:, use] = points
@@ -156,28 +134,28 @@ class _Frame:
     """The least-squares problem of one frame: Gauss-Newton, the neighbourhoods' rotations eliminated point by point."""
 
     def __init__(
-        self, views: Sequence[_View], frame: int, edges: np.ndarray, rest: np.ndarray, held: np.ndarray, arap: Arap
+        self, views: Sequence[_View], frame: int, edges: np.ndarray, rest: np.ndarray, before: np.ndarray, held: np.ndarray
     ) -> None:
+        """`before`: the points (K, 3) in the frame whose edges are compared with."""
         self.views, self.frame = views, frame
-        self.edges, self.rest, self.held, self.arap = edges, rest, held, arap
+        self.edges, self.rest, self.before, self.held = edges, rest, before, held
         lengths = np.linalg.norm(rest[edges] - rest[:, None], axis=-1)
         self.radius = max(float(np.sqrt(((rest - rest.mean(axis=0)) ** 2).sum(axis=1).mean())), 1e-9)
         self.edge = float(np.median(lengths)) if lengths.size and np.median(lengths) > 0.0 else self.radius
         if len(rest) == 1:
             self.radius = self.edge = 0.01 * float(np.linalg.norm(rest[0] - views[0].camera.pose(0)[:3, 3]))
 
-    def solve(self, ahead: np.ndarray, previous: np.ndarray) -> np.ndarray:
-        """Points (K, 3) of this frame from a start `ahead` and those of the frame before."""
-        reference = self.rest if self.arap == "rest" else previous
+    def solve(self, ahead: np.ndarray) -> np.ndarray:
+        """Points (K, 3) of this frame from a start `ahead`."""
         points = np.where(self.held[:, None], self.rest, ahead)
         for _ in range(MAX_ITERATIONS):
-            step = self._step(points, ahead, reference)
+            step = self._step(points, ahead)
             points = points + step
             if np.abs(step).max() < TOLERANCE * self.edge:
                 break
         return points
 
-    def _step(self, points: np.ndarray, ahead: np.ndarray, reference: np.ndarray) -> np.ndarray:
+    def _step(self, points: np.ndarray, ahead: np.ndarray) -> np.ndarray:
         """One Gauss-Newton step (K, 3)."""
         count = len(points)
         hessian = np.zeros((count, 3, count, 3))
@@ -185,8 +163,8 @@ class _Frame:
         everyone = np.arange(count)
         self._reprojection(points, hessian, gradient)
         if self.edges.shape[1]:
-            rotation = best_rotations(reference, points, self.edges)
-            turned = np.matmul(reference[self.edges] - reference[:, None], rotation.transpose(0, 2, 1))  # (K, J, 3)
+            rotation = best_rotations(self.before, points, self.edges)
+            turned = np.matmul(self.before[self.edges] - self.before[:, None], rotation.transpose(0, 2, 1))  # (K, J, 3)
             rigidity(points, self.edges, turned, EDGE_SIGMA * self.edge, hessian, gradient)
         # Across the view pixels and neighbours know better; what is left of the trust there only keeps the system regular.
         axes = self.views[0].camera.pose(self.frame)[:3, :3]

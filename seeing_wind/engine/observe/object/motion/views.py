@@ -13,7 +13,7 @@ from ....progress import Journal, Progress
 from ....records import Body, Camera, Observation, TrackTargets
 from .control import attach
 from .keypoints import held
-from .lifting import Arap, Sight, lift_views
+from .lifting import Sight, lift
 
 
 def view_targets(body: Body, observation: Observation) -> TrackTargets:
@@ -64,8 +64,8 @@ def lifted_together(
     # Key points without a place stay out: NaN where they are not visible in `targets`.
     own_start = np.where(targets[0].visible.any(axis=0)[:, None], body.lifted[0], body.particles.x.mean(axis=0))
     pinned = np.concatenate([held(observation, own_start), *(np.zeros(len(points), bool) for points in further)])
-    arap: Arap = "previous" if body.material.law in PLASTIC_LAWS else "rest"
-    lifted = lift_views(sights, np.concatenate([own_start, *further]), pinned, arap, progress, journal)
+    flows = body.material.law in PLASTIC_LAWS
+    lifted = lift(sights, np.concatenate([own_start, *further]), pinned, flows, progress, journal)
     return replace(body, lifted=lifted[:, : counts[0]])
 
 
