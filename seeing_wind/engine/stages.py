@@ -124,7 +124,7 @@ def lift_stage(
 
 
 def build_body(
-    observation: Observation, settings: BuildSettings | None = None, progress: Progress | None = None, journal: Journal | None = None
+    observation: Observation, settings: BuildSettings = BuildSettings(), progress: Progress = NoProgress(), journal: Journal = Journal()
 ) -> Body:
     """The object as physics moves it and as it looks, without a take.
 
@@ -134,7 +134,6 @@ def build_body(
     from .look import dress
     from .observe.object import build
 
-    progress = progress or NoProgress()
     return dress(build(observation, settings, progress.part(0.0, 0.2), journal), observation, progress.part(0.2, 1.0))
 
 

@@ -70,7 +70,7 @@ def distill(
     fps: float,
     representation: str = "causal_triplane",
     seed: int = 0,
-    progress: Progress | None = None,
+    progress: Progress = NoProgress(),
     journal: Journal = Journal(),
 ) -> ForceField:
     """Fit a representation to a recovery's forces.
@@ -101,7 +101,7 @@ def distill(
     samples = _samples(recovery, x, box, scale, seed)
     with torch.random.fork_rng(devices=[]), one_torch_thread():
         torch.manual_seed(seed)
-        module = _best(lambda: _module(representation, frames, box, x[0]), samples, _iterations(frames), progress or NoProgress(), journal)
+        module = _best(lambda: _module(representation, frames, box, x[0]), samples, _iterations(frames), progress, journal)
     if isinstance(module, KPlanes):
         return ForceFieldKPlanes(box, fps, frames, module, scale, confidence)
     return ForceFieldTriPlane(box, fps, frames, module, scale, confidence)

@@ -20,7 +20,7 @@ NODES = 24
 
 
 def sample_points(
-    field: ForceField, points: np.ndarray, frame: int | None = None, progress: Progress | None = None
+    field: ForceField, points: np.ndarray, frame: int | None = None, progress: Progress = NoProgress()
 ) -> tuple[np.ndarray, np.ndarray]:
     """Force density and confidence at points of one frame, or at points of every frame.
 
@@ -33,7 +33,7 @@ def sample_points(
     Raises:
         UsageError: for a shape that does not fit, or as `ForceField.sample`.
     """
-    points, progress = _checked(field, points, frame), progress or NoProgress()
+    points = _checked(field, points, frame)
     if frame is not None:
         return field.sample(points, frame)
     forces, confidences = np.zeros(points.shape), np.zeros(points.shape[:2])
@@ -87,7 +87,7 @@ def export_field(
     field: ForceField,
     kind: str,
     out: str | PathLike[str],
-    progress: Progress | None = None,
+    progress: Progress = NoProgress(),
     nodes: int = NODES,
     wind: ForceField | None = None,
 ) -> list[Path]:
@@ -116,7 +116,6 @@ def export_field(
             "Writing VDB needs OpenVDB's Python module, which the engine's environment lacks and PyPI does not offer.",
             "Export npz or ply, or read field.safetensors in Blender, whose own Python has OpenVDB.",
         )
-    progress = progress or NoProgress()
     out, (points, shape) = Path(out), lattice(field.box, nodes)
     if kind == "npz":
         if not out.name:

@@ -94,13 +94,12 @@ def frames_fitted(masks: Masks, recovery: Recovery) -> np.ndarray:
     return spread_over(np.flatnonzero(usable), FITTED)
 
 
-def fit_appearance(body: Body, recovery: Recovery, footage: Footage, progress: Progress | None = None) -> Gaussians:
+def fit_appearance(body: Body, recovery: Recovery, footage: Footage, progress: Progress = NoProgress()) -> Gaussians:
     """The body's Gaussians with the look of the whole clip along the recovered motion.
 
     Returns:
         at least the body's own Gaussians, with degree-2 harmonics; `body.gaussians` unchanged where no frame can be used.
     """
-    progress = progress or NoProgress()
     chosen = frames_fitted(footage.masks, recovery)
     if not len(chosen):
         return body.gaussians

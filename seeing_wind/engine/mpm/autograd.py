@@ -92,7 +92,7 @@ def simulate(
     F0: torch.Tensor | None = None,
     precision: str = "double",
     first_frame: int = 0,
-    progress: Progress | None = None,
+    progress: Progress = NoProgress(),
 ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]:
     """`rollout` for torch, for every law, differentiable in every tensor given.
 
@@ -119,7 +119,7 @@ def simulate(
         x0, v0, acceleration = x0.double() @ A, v0.double() @ A, acceleration.double() @ A
         C0, F0, gradient = A.T @ C0.double() @ A, A.T @ F0.double(), A.T @ gradient.double() @ A
     states = RolloutFunction.apply(
-        model.upright(), precision, progress or NoProgress(), first_frame, x0, v0, C0, F0, acceleration, gradient
+        model.upright(), precision, progress, first_frame, x0, v0, C0, F0, acceleration, gradient
     )
     if model.axes is None:
         return states

@@ -45,7 +45,7 @@ def rollout_batch(
     v0: np.ndarray | None = None,
     C0: np.ndarray | None = None,
     strict: bool = False,
-    progress: Progress | None = None,
+    progress: Progress = NoProgress(),
     journal: Journal = Journal(),
 ) -> BatchRollout:
     """Simulate B independent copies of one body over T frames, in parallel threads.
@@ -65,7 +65,7 @@ def rollout_batch(
         SimulationError: with `strict`, as `rollout`.
         UsageError: for arrays that do not fit the model.
     """
-    count, progress = model.particles, progress or NoProgress()
+    count = model.particles
     if phi.ndim != 2 or phi.shape[0] != count or dphi.shape != (*phi.shape, 3) or coefficients.shape[2:] != (phi.shape[1], 3):
         raise UsageError(
             f"The basis has shapes {phi.shape} and {dphi.shape}, its coefficients {coefficients.shape}.",

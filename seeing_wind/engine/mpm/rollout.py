@@ -18,7 +18,7 @@ def rollout(
     acceleration: np.ndarray,
     gradient: np.ndarray | None = None,
     *,
-    progress: Progress | None = None,
+    progress: Progress = NoProgress(),
     first_frame: int = 0,
     precision: str = "double",
 ) -> Trajectory:
@@ -35,7 +35,6 @@ def rollout(
             quantity.
         UsageError: for arrays that do not fit the model, and an unknown precision.
     """
-    progress = progress or NoProgress()
     dtype_of(precision)
     acceleration, gradient = np.asarray(acceleration), None if gradient is None else np.asarray(gradient)
     check_force(model.particles, acceleration, gradient, first_frame)

@@ -32,7 +32,7 @@ HUGE = 50.0
 """Metres: an object longer than this is more often one whose distance is in millimetres."""
 
 
-def observe(clip: str | Path, settings: ObserveSettings, progress: Progress, journal: Journal | None = None) -> Observation:
+def observe(clip: str | Path, settings: ObserveSettings, progress: Progress, journal: Journal = Journal()) -> Observation:
     """What is seen in `clip` (a video, a folder of images, or a pattern), with pixels those of the file.
 
     Args:
@@ -42,7 +42,7 @@ def observe(clip: str | Path, settings: ObserveSettings, progress: Progress, jou
         ClipError, ObjectError, UsageError: as the parts say (`read_clip`, `first_mask`, `find_camera`, `object_depth`, `read_tracks`).
     """
     with one_thread(), ThreadPoolExecutor(1) as beside:
-        return _observe(clip, settings, progress, journal or Journal(), beside)
+        return _observe(clip, settings, progress, journal, beside)
 
 
 def _observe(path: str | Path, settings: ObserveSettings, progress: Progress, journal: Journal, beside: Executor) -> Observation:

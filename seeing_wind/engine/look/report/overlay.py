@@ -33,7 +33,7 @@ def write_overlay(
     observation: Observation,
     recovery: Recovery,
     field: ForceField,
-    progress: Progress | None = None,
+    progress: Progress = NoProgress(),
     sampled: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> None:
     """Draw the field's forces at the moving particles on every frame and write overlay.mp4 into the take.
@@ -47,7 +47,6 @@ def write_overlay(
         ClipError: when `frames` ends before frame T.
         TakeError, MissingPackage: when the video cannot be written.
     """
-    progress = progress or NoProgress()
     check_length(len(frames), recovery)
     drawing = _Drawing(observation, recovery, field.fps, sampled or sample_points(field, recovery.x[:-1]))
     with take.writing("overlay.mp4") as path, video_writer(path, field.fps, drawing.size) as writer:

@@ -30,11 +30,11 @@ def write_report(
     field: ForceField,
     seconds: dict[str, float],
     settings: RecoverSettings | None = None,
-    progress: Progress | None = None,
+    progress: Progress = NoProgress(),
     level: Level = "full",
     wind: dict[str, Any] | None = None,
     expected: dict[str, float] | None = None,
-    journal: Journal | None = None,
+    journal: Journal = Journal(),
 ) -> dict[str, Any]:
     """Write what `level` asks for of a recovery from a clip.
 
@@ -51,13 +51,12 @@ def write_report(
         What report.json holds. Its `report` tells of this report: `level`, `seconds` per product, and `missing`, the products that could
         not be made, each with a sentence why.
     """
-    progress = progress or NoProgress()
     sampled = sample_points(field, recovery.x[:-1])
     confidence = sampled[1]
     figures = _figures(body.particles, body.material, recovery, field, confidence, seconds, expected, settings)
     _add_wind(figures, wind)
     figures["clip"] = {"path": observation.clip, "first_frame": observation.first_frame, "tracks": int(observation.xy.shape[1])}
-    products = Products(level, progress, journal or Journal())
+    products = Products(level, progress, journal)
     figures["report"] = products.record
     if level == "none":
         return figures
@@ -92,7 +91,7 @@ def write_trajectory_report(
     field: ForceField,
     seconds: dict[str, float],
     settings: RecoverSettings | None = None,
-    progress: Progress | None = None,
+    progress: Progress = NoProgress(),
     level: Level = "full",
     wind: dict[str, Any] | None = None,
     expected: dict[str, float] | None = None,
@@ -101,7 +100,7 @@ def write_trajectory_report(
     confidence = sample_points(field, recovery.x[:-1])[1]
     figures = _figures(particles, material, recovery, field, confidence, seconds, expected, settings)
     _add_wind(figures, wind)
-    products = Products(level, progress or NoProgress(), Journal())
+    products = Products(level, progress, Journal())
     figures["report"] = products.record
     if level != "none":
         _first(take, products, figures, recovery, field.fps, confidence, None)

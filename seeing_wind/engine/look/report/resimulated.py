@@ -68,8 +68,8 @@ def write_resimulated(
     observation: Observation,
     body: Body,
     recovery: Recovery,
-    progress: Progress | None = None,
-    journal: Journal | None = None,
+    progress: Progress = NoProgress(),
+    journal: Journal = Journal(),
 ) -> dict[str, float]:
     """Render the Gaussians, carried by the simulated particles and their F (Eq. (8)), into resimulated.mp4 of the take.
 
@@ -85,7 +85,6 @@ def write_resimulated(
         ClipError: when `frames` ends before frame T.
         TakeError, MissingPackage: when the video cannot be written.
     """
-    progress, journal = progress or NoProgress(), journal or Journal()
     check_length(len(frames), recovery)
     height, width = observation.image.shape[:2]
     lens, likeness = Lens(observation.camera), _Likeness()
@@ -135,9 +134,9 @@ def frames_measured(masks: Masks, recovery: Recovery) -> list[int]:
     return ([0] if masks[0].any() else []) + over_clip.spread_over(seen, SAMPLED).tolist()
 
 
-def likeness(footage: Footage, body: Body, recovery: Recovery, frames: list[int], progress: Progress | None = None) -> dict[str, float]:
+def likeness(footage: Footage, body: Body, recovery: Recovery, frames: list[int], progress: Progress = NoProgress()) -> dict[str, float]:
     """The figures of `write_resimulated` at the file's own size, of some of its frames, which are rendered in the object's box only."""
-    progress, found = progress or NoProgress(), _Likeness()
+    found = _Likeness()
     for number, t in enumerate(frames):
         progress.update(number / len(frames), "likeness to the clip")
         mask, filmed = footage.seen.masks[t], footage.straight(t)
@@ -147,7 +146,7 @@ def likeness(footage: Footage, body: Body, recovery: Recovery, frames: list[int]
     return found.figures()
 
 
-def look_over_clip(footage: Footage, body: Body, recovery: Recovery, progress: Progress | None = None) -> Body:
+def look_over_clip(footage: Footage, body: Body, recovery: Recovery, progress: Progress = NoProgress()) -> Body:
     """The body with Gaussians whose look fits the whole clip along the simulated motion (`look.over_clip`)."""
 
     def background(t: int, image: np.ndarray, box: Box) -> np.ndarray:

@@ -60,7 +60,7 @@ def read_clip(
     path: str | Path,
     frames: tuple[int, int] | None = None,
     fps: float | None = None,
-    progress: Progress | None = None,
+    progress: Progress = NoProgress(),
     *,
     resized: Callable[[int, int], tuple[int, int]] | None = None,
     keep: Collection[int] = (0,),
@@ -79,7 +79,6 @@ def read_clip(
         ClipError: nothing there, not a video, an empty range, fewer than two frames, or no room on disk for the decoded ones.
         UsageError: a frame rate that is not positive, or none for a sequence of images, which carries none.
     """
-    progress = progress or NoProgress()
     if fps is not None and not FRAME_RATES[0] <= fps <= FRAME_RATES[1]:
         raise UsageError(f"The frame rate {fps:g} is not one of a camera.", "Give the clip's frames per second, for example --fps 30.")
     first, last = _range(frames)

@@ -45,7 +45,7 @@ class Built:
 
 
 def build(
-    observation: Observation, settings: BuildSettings | None = None, progress: Progress | None = None, journal: Journal | None = None
+    observation: Observation, settings: BuildSettings = BuildSettings(), progress: Progress = NoProgress(), journal: Journal = Journal()
 ) -> Built | SheetBuilt:
     """Particles, material, surface and key points of the object in frame 0; of a thin sheet its path through the clip, too.
 
@@ -57,7 +57,6 @@ def build(
         MaterialError: an unknown material or numbers that are not physical, or that no sheet has.
         ObjectError: no object in frame 0, too few pixels, no depth on it, or a pin off the object.
     """
-    settings, progress = settings or BuildSettings(), progress or NoProgress()
     material = material_of(settings)
     sheet = _sheet(observation, settings, material, progress)
     if sheet is not None:

@@ -63,7 +63,7 @@ def simulate_bodies(
     field: ForceField,
     recovered: tuple[Body, Recovery] | None,
     base_dir: Path,
-    progress: Progress | None = None,
+    progress: Progress = NoProgress(),
     *,
     journal: Journal = Journal(),
 ) -> dict[str, Simulated]:
@@ -85,7 +85,6 @@ def simulate_bodies(
         UsageError: a mesh, a list of pins, a start frame, forces or a strength that do not fit; MaterialError: an unknown material.
         SimulationError: the motion broke; the message names the body.
     """
-    progress = progress or NoProgress()
     if not edit.body:
         raise UsageError("The edit has no body.", "Add one with a name and a mesh.")
     strength = _strengths(edit.field_strength, field.frames)

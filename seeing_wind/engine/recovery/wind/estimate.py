@@ -143,7 +143,7 @@ class Found:
 
 
 def solved(
-    problem: Problem, places: Places, starts: Sequence[np.ndarray], mean: float, progress: Progress | None = None
+    problem: Problem, places: Places, starts: Sequence[np.ndarray], mean: float, progress: Progress = NoProgress()
 ) -> Found:
     """The most probable theta, with the hyperparameters of greatest evidence.
 
@@ -152,7 +152,6 @@ def solved(
         starts: each (T, P, 3) coefficients to begin with; what becomes most probable of them is gone on with.
         mean: standard deviation of a component of the mean.
     """
-    progress = progress or NoProgress()
     size = max(GUST * float(np.sqrt(np.mean([(one[:, 0] ** 2).mean() for one in starts]))), 1e-3 * mean)
     prior = Prior(Kernel(size**2 * np.eye(3)), places, np.full(3, mean))
     shares = (SHARES[FIRST_SHARE], SHARES[FIRST_SHARE])
@@ -218,7 +217,7 @@ def _best_shares(problem: Problem, prior: Prior, theta: np.ndarray, shares: tupl
 
 
 def wind_of(
-    felt: Observed, basis: SpatialBasis, path: np.ndarray, progress: Progress | None = None, counts: Sequence[int] = ()
+    felt: Observed, basis: SpatialBasis, path: np.ndarray, progress: Progress = NoProgress(), counts: Sequence[int] = ()
 ) -> Estimate:
     """The wind over the body, or over several as one (`together`).
 

@@ -11,7 +11,7 @@ import pytest
 from seeing_wind.engine.errors import MaterialError, UsageError
 from seeing_wind.engine.field.analytic import UniformField
 from seeing_wind.engine.materials import SHEETS
-from seeing_wind.engine.progress import Cancelled, Progress
+from seeing_wind.engine.progress import Cancelled, NoProgress, Progress
 from seeing_wind.engine.recovery import journal as journals
 from seeing_wind.engine.recovery.journal import TakeJournal
 from seeing_wind.engine.recovery.resimulate import simulate_bodies
@@ -33,7 +33,7 @@ def folder(tmp_path, sheet):
     return tmp_path
 
 
-def run(folder, *bodies, force=(0.0, 0.0, 0.0), frames=6, gravity=(0.0, 0.0, -9.81), progress=None, **edit):
+def run(folder, *bodies, force=(0.0, 0.0, 0.0), frames=6, gravity=(0.0, 0.0, -9.81), progress=NoProgress(), **edit):
     field = UniformField(BOX, 24.0, frames, np.array(force))
     return simulate_bodies(Edit(body=bodies, gravity=gravity, **edit), field, None, folder, progress)
 

@@ -54,8 +54,8 @@ def lift(
     start: np.ndarray,
     pinned: np.ndarray | None = None,
     flows: bool = False,
-    progress: Progress | None = None,
-    journal: Journal | None = None,
+    progress: Progress = NoProgress(),
+    journal: Journal = Journal(),
 ) -> np.ndarray:
     """Lift the tracks of all cameras together: what one does not see, its neighbours' pixels in another hold, through rigidity.
 
@@ -79,7 +79,6 @@ def lift(
                 f"Tracks {xy.shape}, visibility {visible.shape} and start {start.shape} do not belong together.", "Check the tracks file."
             )
     visible = np.any([one.visible for one in sights], axis=0)
-    progress = progress or NoProgress()
     lifted = np.full((*visible.shape, 3), np.nan)
     use = np.flatnonzero(visible.any(axis=0))
     if use.size == 0:
@@ -90,7 +89,7 @@ def lift(
     points = np.empty((frames, use.size, 3))
     points[0] = start[use]
     edges = neighbour_edges(points[0])
-    loop = (journal or Journal()).loop("lift")
+    loop = journal.loop("lift")
     done, kept = loop.resume()
     if done:
         points[: done + 1] = kept["points"]

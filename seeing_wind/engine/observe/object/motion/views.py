@@ -9,7 +9,7 @@ import numpy as np
 
 from ....errors import ObjectError
 from ....materials import PLASTIC_LAWS
-from ....progress import Journal, Progress
+from ....progress import Journal, NoProgress, Progress
 from ....records import Body, Camera, Observation, TrackTargets
 from .control import attach
 from .keypoints import held
@@ -40,7 +40,7 @@ def view_targets(body: Body, observation: Observation) -> TrackTargets:
 
 
 def lifted_together(
-    observation: Observation, body: Body, targets: Sequence[TrackTargets], progress: Progress | None = None, journal: Journal | None = None
+    observation: Observation, body: Body, targets: Sequence[TrackTargets], progress: Progress = NoProgress(), journal: Journal = Journal()
 ) -> Body:
     """The body with its key points P^t lifted by all views at once: one camera's depth is the other one's frame.
 

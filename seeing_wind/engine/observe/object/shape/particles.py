@@ -42,7 +42,7 @@ RIM = 0.002
 
 
 def fill(
-    relief: Relief, count: int, pin: np.ndarray | None = None, progress: Progress | None = None, wider: float = 1.0
+    relief: Relief, count: int, pin: np.ndarray | None = None, progress: Progress = NoProgress(), wider: float = 1.0
 ) -> Particles:
     """Fill the body with about `count` particles.
 
@@ -68,7 +68,7 @@ def fill(
     if relief.kind in SOLID:
         return cells_of(relief, count, held)
     metric = surface_metric(relief)
-    spacing = spacing_for(relief, metric, count, progress or NoProgress())
+    spacing = spacing_for(relief, metric, count, progress)
     columns = columns_of(relief, metric, spacing, held)
     layers = layers_of(columns.thickness, spacing)
     column, across = across_layers(layers)

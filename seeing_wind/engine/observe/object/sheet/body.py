@@ -10,7 +10,7 @@ import numpy as np
 from ....conventions import in_units
 from ....errors import ObjectError
 from ....materials import Sheet
-from ....progress import Journal, Progress
+from ....progress import Journal, NoProgress, Progress
 from ....records import Attachment, Body, Gaussians, Observation, Particles, Surface, TrackTargets
 from ..motion.lifting import Sight
 from ..shape.relief import Relief, sheet_relief
@@ -58,7 +58,7 @@ class SheetBuilt:
 
 
 def build_sheet(
-    observation: Observation, sheet: Sheet, name: str, count: int, progress: Progress, journal: Journal | None
+    observation: Observation, sheet: Sheet, name: str, count: int, progress: Progress, journal: Journal
 ) -> SheetBuilt:
     """Mesh and path of a sheet.
 
@@ -94,7 +94,7 @@ def sight_of(observation: Observation) -> Sight:
 
 
 def follow_views(
-    observation: Observation, body: Body, targets: Sequence[TrackTargets], progress: Progress | None = None, journal: Journal | None = None
+    observation: Observation, body: Body, targets: Sequence[TrackTargets], progress: Progress = NoProgress(), journal: Journal = Journal()
 ) -> Body:
     """The body of a sheet with the path that all views together tell.
 

@@ -159,8 +159,8 @@ def follow(
     sights: Sequence[Sight],
     fps: float,
     masks: Masks | None = None,
-    progress: Progress | None = None,
-    journal: Journal | None = None,
+    progress: Progress = NoProgress(),
+    journal: Journal = Journal(),
 ) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
     """The path of a sheet whose frame 0 is that of its mesh, as one or several cameras saw it in at least three frames.
 
@@ -175,14 +175,13 @@ def follow(
     Raises:
         ObjectError: too few tracks on the sheet, or one that is lost. Cancelled: between frames.
     """
-    progress = progress or NoProgress()
     views = [View(mesh, sight, None if number else masks) for number, sight in enumerate(sights)]
     follower, frames = Follower(mesh, views, fps), len(sights[0].xy)
     for view in views:
         view.place(0, mesh.x)
     _require_tracks(views)
     path, acceleration = np.repeat(mesh.x[None], frames, axis=0), SWIFT
-    loop = (journal or Journal()).loop("sheet")
+    loop = journal.loop("sheet")
     done, kept = loop.resume()
     if done:
         path, acceleration = kept["path"], float(kept["acceleration"])
