@@ -1,4 +1,4 @@
-"""Colliders: planes, closed rooms and closed meshes, and what the lattice's nodes see of them.
+"""Colliders: planes and closed meshes, and what the lattice's nodes see of them.
 
 Planes act wherever the body goes. Of a mesh every node inside gets the way out: its depth and the direction to the nearest place of the
 surface (a signed distance sampled on the lattice, as in Stomakhin et al. 2013, section 8).
@@ -54,43 +54,13 @@ class Plane:
         if not np.linalg.norm(self.normal) > 0.0:
             raise UsageError("The plane's normal has no length.", "Give the direction in which matter stays, such as 0 0 1 for a floor.")
 
-    def rows(self) -> list[tuple[np.ndarray, float, str, float]]:
-        """(unit normal n, d, kind, friction): matter stays where n.x >= d [m]."""
+    def side(self) -> tuple[np.ndarray, float]:
+        """Unit normal n (3,) and d [m]: matter stays where n.x >= d."""
         n = np.array(self.normal) / np.linalg.norm(self.normal)
-        return [(n, float(n @ self.point), self.kind, self.friction)]
+        return n, float(n @ self.point)
 
 
-@dataclass(frozen=True)
-class Box:
-    """A closed room along the axes; matter stays inside."""
-
-    low: tuple[float, float, float]
-    """Its lowest corner [m]."""
-    high: tuple[float, float, float]
-    """Its highest corner [m]."""
-    kind: str = "separate"
-    """As of `Plane`."""
-    friction: float = 0.0
-    """As of `Plane`."""
-
-    def __post_init__(self) -> None:
-        """UsageError: see `check_kind`."""
-        check_kind("box collider", self.kind, self.friction)
-        for name in ("low", "high"):
-            object.__setattr__(self, name, _vector(getattr(self, name), f"The box's {name} corner"))
-        if not (np.array(self.low) < self.high).all():
-            raise UsageError(
-                f"The box reaches from {self.low} to {self.high}.", "Give the low corner first, the high one above it in x, y and z."
-            )
-
-    def rows(self) -> list[tuple[np.ndarray, float, str, float]]:
-        """The six walls, as of `Plane.rows`."""
-        one = np.eye(3)
-        floors = [(one[a], self.low[a], self.kind, self.friction) for a in range(3)]
-        return floors + [(-one[a], -self.high[a], self.kind, self.friction) for a in range(3)]
-
-
-Collider = Plane | Box | MeshCollider
+Collider = Plane | MeshCollider
 
 
 def _vector(value: object, name: str) -> tuple[float, float, float]:
@@ -125,11 +95,8 @@ class ColliderGrid:
 NO_COLLIDERS = ColliderGrid(np.zeros((1, 8)), np.zeros(3, np.int32), np.zeros((1, 1, 1, 8)), np.zeros((1, 1, 1)))
 
 
-def _rows(colliders: Sequence[Collider]) -> list[tuple[np.ndarray, float, str, float]]:
-    for collider in colliders:
-        if not isinstance(collider, (Plane, Box, MeshCollider)):
-            raise UsageError(f"{type(collider).__name__} is no collider.", "Give a Plane, a Box or a MeshCollider.")
-    return [row for collider in colliders for row in collider.rows()]
+def _planes(colliders: Sequence[Collider]) -> list[Plane]:
+    return [one for one in colliders if isinstance(one, Plane)]
 
 
 def moves(collider: Collider) -> bool:
@@ -152,13 +119,13 @@ def collider_grid(colliders: Sequence[Collider], offset: np.ndarray, dx: float, 
     """Colliders on the lattice with a node at `offset` (3,) [m] and spacing dx [m]; meshes only in a region (2, 3) [m], if it is given.
 
     Raises:
-        UsageError: for something that is no collider.
         SimulationError: when the box around the meshes has too many nodes.
     """
-    rows = _rows(colliders)
-    planes = np.zeros((max(1, len(rows)), 8))
-    for at, (n, d, kind, friction) in zip(planes, rows):
-        at[:6] = [*n, d - (INSET - 0.5) * dx, KINDS[kind], friction]
+    walls = _planes(colliders)
+    planes = np.zeros((max(1, len(walls)), 8))
+    for at, wall in zip(planes, walls):
+        n, d = wall.side()
+        at[:6] = [*n, d - (INSET - 0.5) * dx, KINDS[wall.kind], wall.friction]
     boxes = [(mesh, *node_box(mesh, offset, dx, region)) for mesh in colliders if isinstance(mesh, MeshCollider)]
     boxes = [(mesh, first, last) for mesh, first, last in boxes if (first <= last).all()]
     if not boxes:
@@ -196,7 +163,7 @@ def align_lattice(offset: np.ndarray, dx: float, colliders: Sequence[Collider], 
         fixed_axis: an axis along which the lattice must stay, -1 for none.
     """
     offset, done = np.array(offset, dtype=np.float64), {fixed_axis}
-    for n, d, _, _ in _rows(colliders):
+    for n, d in (plane.side() for plane in _planes(colliders)):
         axis = int(np.argmax(np.abs(n)))
         if axis not in done and abs(n[axis]) > 1.0 - 1e-9:
             offset[axis] = n[axis] * (d - INSET * dx)
@@ -215,7 +182,7 @@ def collider_notes(x: np.ndarray, colliders: Sequence[Collider], grid: ColliderG
                 "through it. Thicken it, or use more particles."
             )
     depth = np.zeros(len(x))
-    for n, d, _, _ in _rows(colliders):
+    for n, d in (plane.side() for plane in _planes(colliders)):
         depth = np.maximum(depth, d - x @ n)
     local = np.rint((x - offset) / dx).astype(np.int64) - grid.solid_lo
     near = np.flatnonzero(((local >= 0) & (local < grid.depth.shape)).all(axis=1))

@@ -96,10 +96,6 @@ class MeshCollider:
             return 0.0
         return float(np.linalg.norm(self.path[frame + 1] - self.path[frame], axis=1).max())
 
-    def rows(self) -> list[tuple[np.ndarray, float, str, float]]:
-        """No plane."""
-        return []
-
 
 def _checked_path(path: np.ndarray, count: int) -> np.ndarray:
     path = np.asarray(path)

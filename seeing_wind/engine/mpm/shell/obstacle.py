@@ -87,5 +87,6 @@ def obstacles_of(colliders: Sequence[Collider], reach: float) -> tuple[Obstacle,
         bound = collider.kind != "separate"
         if isinstance(collider, MeshCollider):
             found.append(Block(collider, reach, friction, bound))
-        found += [Wall(n, level, friction, bound) for n, level, _, _ in collider.rows()]
+        else:
+            found.append(Wall(*collider.side(), friction, bound))
     return tuple(found)
