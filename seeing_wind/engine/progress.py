@@ -19,7 +19,7 @@ class Cancelled(Exception):
 
 
 class Progress:
-    """What a long job reports to. Whatever is given one may raise `Cancelled`, at a safe point of which it has two a second or more.
+    """What a long job reports to. What takes one comes to a safe point at least twice a second, and may raise `Cancelled` there.
 
     Args:
         emit: receives one message (a dict that JSON can hold) per call, or None to be silent.
@@ -50,7 +50,7 @@ class Progress:
         self._emit({"type": "warning", "stage": self.stage, "message": message})
 
     def check(self) -> None:
-        """A safe point without a report."""
+        """A safe point without a report: raises `Cancelled` once the user has asked to stop."""
         if self._cancelled():
             raise Cancelled
 

@@ -161,7 +161,13 @@ def log_evidence(covariance: torch.Tensor, z: torch.Tensor) -> torch.Tensor:
 
 
 def mismatch_scale(prior: Prior, objective: Objective, point: Linearisation, scales: Sequence[float]) -> float:
-    """Of `scales`, in order, the factor on the mismatch's standard deviation with the greatest evidence; the prior's sizes are learnt."""
+    """The factor on the mismatch's standard deviation that has the greatest evidence.
+
+    Args:
+        prior: with its hyperparameters learnt.
+        objective: that whitened the residuals of `point`.
+        scales: factors to choose from, in order.
+    """
     raw = objective.unwhitened(np.concatenate([point.jacobian, (point.jacobian.T @ point.theta - point.residual)[None]]))
     precision = prior.precision()
 
