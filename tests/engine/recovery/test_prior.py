@@ -117,7 +117,7 @@ def test_stretch_is_held_down_and_turning_is_not() -> None:
     from seeing_wind.engine.recovery.prior.stretch import stretch_precision, stretch_rows
 
     x = np.stack(np.meshgrid(np.linspace(-0.1, 0.1, 9), np.linspace(-0.07, 0.07, 7), [-0.005, 0.005], indexing="ij"), -1).reshape(-1, 3)
-    basis = spatial_basis(x, np.ones(len(x)), 4, 1)
+    basis = spatial_basis(x, np.ones(len(x)), 4).up_to(1)
     turn = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])  # a quarter turn round Y
     F = np.broadcast_to(turn, (5, len(x), 3, 3))
     rows = stretch_rows(basis, x, F, knots(len(F) - 1, 4.0))
