@@ -144,6 +144,19 @@ def check_force(count: int, acceleration: np.ndarray, gradient: np.ndarray | Non
             )  # fmt: skip
 
 
+def check_numbers(mass: np.ndarray, mu: np.ndarray, lam: np.ndarray, yield_stress: np.ndarray, viscosity: np.ndarray) -> None:
+    """MaterialError for particles (N,) without mass or stiffness: shear modulus mu and bulk modulus lam + 2/3 mu must be above zero."""
+    finite = np.isfinite(mass) & np.isfinite(mu) & np.isfinite(lam) & np.isfinite(yield_stress) & np.isfinite(viscosity)
+    for bad, what, hint in (
+        (~finite, "a material number that is not finite", "Poisson's ratio must stay below 0.5, the others finite."),
+        (mass <= 0.0, "no mass", "Keep the density above zero."),
+        ((mu <= 0.0) | (lam + 2.0 / 3.0 * mu <= 0.0), "no stiffness", "Keep Young's modulus above zero, Poisson's ratio in -1..0.5."),
+        ((yield_stress < 0.0) | (viscosity < 0.0), "a negative yield stress or viscosity", "Keep both at zero or above."),
+    ):
+        if bad.any():
+            raise MaterialError(f"Particle {int(np.flatnonzero(bad)[0])} has {what}.", hint)
+
+
 def _stop_at_first(bad: np.ndarray, message: str, quantity: str) -> None:
     """SimulationError for the first particle marked in bad (..., N)."""
     if bad.any():

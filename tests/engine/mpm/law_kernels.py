@@ -31,13 +31,16 @@ def _stress(law: ti.i32, material: array, F: array, tau_out: array):
 
 
 @ti.kernel
-def _stress_both_ways(law: ti.i32, material: array, F: array, tau_bar: array, tau_out: array, F_bar_out: array):
+def _stress_both_ways(
+    law: ti.i32, material: array, F: array, tau_bar: array, tau_out: array, F_bar_out: array, material_bar_out: array
+):  # fmt: skip
     for p in range(F.shape[0]):
-        tau, F_bar = constitutive.kirchhoff_both_ways(
+        tau, F_bar, mu_bar, lam_bar = constitutive.kirchhoff_both_ways(
             True, law, matrix(F, p), material[p, 0], material[p, 1], matrix(tau_bar, p)
         )
         put(tau, tau_out, p)
         put(F_bar, F_bar_out, p)
+        material_bar_out[p, 0], material_bar_out[p, 1] = mu_bar, lam_bar
 
 
 @ti.kernel
@@ -47,12 +50,13 @@ def _flow(law: ti.i32, material: array, F: array, F_out: array):
 
 
 @ti.kernel
-def _flow_adjoint(law: ti.i32, material: array, F: array, F_next_bar: array, F_bar_out: array):
+def _flow_adjoint(law: ti.i32, material: array, F: array, F_next_bar: array, F_bar_out: array, material_bar_out: array):
     for p in range(F.shape[0]):
-        F_bar = plasticity.plastic_flow_adjoint(
+        F_bar, mu_bar, yield_bar, viscosity_bar = plasticity.plastic_flow_adjoint(
             law, matrix(F, p), material[p, 0], material[p, 1], material[p, 2], material[p, 3], matrix(F_next_bar, p)
         )
         put(F_bar, F_bar_out, p)
+        material_bar_out[p, 0], material_bar_out[p, 1], material_bar_out[p, 2] = mu_bar, yield_bar, viscosity_bar
 
 
 def _call(kernel, real, first, *arrays):
@@ -75,16 +79,17 @@ def stress(law, F, material, real=np.float64):
 
 
 def stress_both_ways(law, F, material, tau_bar, real=np.float64):
-    """tau (n, 3, 3), F_bar (n, 3, 3)."""
+    """tau (n, 3, 3), F_bar (n, 3, 3), material_bar (n, 2)."""
     F = _ready(F, real)
-    tau, out = np.empty_like(F), np.empty_like(F)
-    _call(_stress_both_ways, real, (constitutive.LAWS[law],), _ready(material, real, (len(F), 2)), F, _ready(tau_bar, real), tau, out)
-    return tau, out
+    tau, out, material_bar = np.empty_like(F), np.empty_like(F), np.empty((len(F), 2), real)
+    arguments = _ready(material, real, (len(F), 2)), F, _ready(tau_bar, real), tau, out, material_bar
+    _call(_stress_both_ways, real, (constitutive.LAWS[law],), *arguments)
+    return tau, out, material_bar
 
 
 def stress_adjoint(law, F, material, tau_bar, real=np.float64):
-    """F_bar (n, 3, 3)."""
-    return stress_both_ways(law, F, material, tau_bar, real)[1]
+    """F_bar (n, 3, 3), material_bar (n, 2)."""
+    return stress_both_ways(law, F, material, tau_bar, real)[1:]
 
 
 def flow(law, F, material, real=np.float64):
@@ -96,11 +101,12 @@ def flow(law, F, material, real=np.float64):
 
 
 def flow_adjoint(law, F, material, F_next_bar, real=np.float64):
-    """F_bar (n, 3, 3)."""
+    """F_bar (n, 3, 3), material_bar (n, 4), zero for dt."""
     F = _ready(F, real)
-    out = np.empty_like(F)
-    _call(_flow_adjoint, real, (constitutive.LAWS[law],), _ready(material, real, (len(F), 4)), F, _ready(F_next_bar, real), out)
-    return out
+    out, material_bar = np.empty_like(F), np.zeros((len(F), 4), real)
+    arguments = _ready(material, real, (len(F), 4)), F, _ready(F_next_bar, real), out, material_bar
+    _call(_flow_adjoint, real, (constitutive.LAWS[law],), *arguments)
+    return out, material_bar
 
 
 def rotations(rng, count):

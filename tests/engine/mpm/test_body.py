@@ -87,11 +87,12 @@ def test_a_large_body_takes_all_cores_and_momentum_is_kept():
 
 def gradients(model, state, acceleration, gradient, precision):
     tensors = [torch.tensor(a, requires_grad=True) for a in (state.x, state.v, acceleration[None], gradient[None], state.C, state.F)]
+    stiffness = torch.tensor(2e4, dtype=torch.float64, requires_grad=True)
     x, v, a, G, C, F = tensors
-    outputs = simulate(model, x, v, a, G, C0=C, F0=F, precision=precision)
+    outputs = simulate(model, x, v, a, G, C0=C, F0=F, youngs_modulus=stiffness, precision=precision)
     rng = np.random.default_rng(1)
     sum((torch.tensor(rng.normal(size=output[-1].shape)) * output[-1]).sum() for output in (outputs[0], outputs[1])).backward()
-    return [tensor.grad.numpy() for tensor in tensors], outputs[0].grad_fn.runs
+    return [tensor.grad.numpy() for tensor in (*tensors, stiffness)], outputs[0].grad_fn.runs
 
 
 # No verb asks for single precision, and compiling it for what flows takes a quarter of a minute; its laws' own adjoints are tried anyway.
@@ -124,7 +125,7 @@ def test_a_frame_keeps_at_most_a_hundred_bytes_per_particle_and_substep():
             most.append(run.bytes)
             return False
 
-        body.pull_back(run, bar, Progress(cancelled=watch))
+        body.pull_back(run, bar, False, Progress(cancelled=watch))
         assert max(most) <= 100 * len(run.order) * run.substeps
 
 

@@ -172,6 +172,13 @@ def tensors(**changes):
         ({"gradient": np.zeros((1, COUNT, 3, 3))}, UsageError, "gradient has shape"),
         ({"x0": BODY.x[1:]}, UsageError, "state's x"),
         ({"F0": np.zeros((COUNT - 1, 3, 3))}, UsageError, "state's F"),
+        ({"youngs_modulus": np.ones(COUNT - 1)}, UsageError, "youngs_modulus has shape"),
+        ({"youngs_modulus": -1e4}, MaterialError, "Particle 0 has no stiffness"),
+        ({"poisson_ratio": 0.6}, MaterialError, "no stiffness"),
+        ({"poisson_ratio": 0.5}, MaterialError, "not finite"),
+        ({"density": with_value(np.full(COUNT, 300.0), 9, 0.0)}, MaterialError, "Particle 9 has no mass"),
+        ({"yield_stress": -1.0}, MaterialError, "negative yield stress"),
+        ({"viscosity": -1.0}, MaterialError, "viscosity"),
         ({"acceleration": with_value(np.zeros((2, COUNT, 3)), (1, 3, 1), np.nan)}, SimulationError, "particle 3 in frame 6"),
     ],
 )

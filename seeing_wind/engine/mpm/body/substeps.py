@@ -165,12 +165,16 @@ class Body:
 
     # -- backwards ----------------------------------------------------------------------------------------------------------------
 
-    def pull_back(self, run: FrameRun, bar: np.ndarray, progress: Progress) -> np.ndarray:
-        """Turns bar (6 M, 4) by the frame's end into that by its start, in place; returns that by `force`.
+    def pull_back(self, run: FrameRun, bar: np.ndarray, material: bool, progress: Progress) -> tuple[np.ndarray, np.ndarray]:
+        """Turns bar (6 M, 4) by the frame's end into that by its start, in place; returns those by `force` and by `particle`.
 
-        bar is laid out as `packed.states`, and `aligned`. States that were not kept are simulated again, a stretch at a time.
+        bar is laid out as `packed.states`, and `aligned`.
+
+        `material`: whether the last are wanted; they are zero otherwise.
+
+        States that were not kept are simulated again, a stretch at a time.
         """
-        force_bar = aligned_zeros(run.force.shape, self.real)
+        force_bar, particle_bar = aligned_zeros(run.force.shape, self.real), np.zeros_like(run.particle)
         end = run.substeps if len(bar) else 0
         while end:
             begin = max(s for s in run.kept if s < end)
@@ -179,13 +183,15 @@ class Body:
                 self.advance(run, begin, end, 1 if length <= sparse_stride(run.substeps) else sparse_stride(length), progress)
                 continue
             progress.check()
-            self._substep_adjoint(run, begin, bar, force_bar)
+            self._substep_adjoint(run, begin, bar, force_bar, particle_bar, material)
             del run.kept[end]
             run.grids.pop(begin, None)
             end = begin
-        return force_bar
+        return force_bar, particle_bar
 
-    def _substep_adjoint(self, run: FrameRun, s: int, bar: np.ndarray, force_bar: np.ndarray) -> None:
+    def _substep_adjoint(
+        self, run: FrameRun, s: int, bar: np.ndarray, force_bar: np.ndarray, particle_bar: np.ndarray, material: bool
+    ) -> None:
         state, boxes = run.kept[s]
         piece = run.piece(s)
         self._look(piece, boxes)
@@ -199,8 +205,9 @@ class Body:
             momentum = self.momentum
         self.roster[: parallel_adjoint.PHASES] = 0
         self.adjoint_kernel(
-            self.plastic, self.workers, self.roster, run.first, run.particle, state, run.kept[s + 1][0], run.force,
-            bar, force_bar, *piece.boundary, piece.lattice, self.bounds, boxes, self.grid_bar, momentum, self.velocity, self.momentum_bar,
+            self.plastic, int(material), self.workers, self.roster, run.first, run.particle, state, run.kept[s + 1][0], run.force,
+            bar, force_bar, particle_bar, *piece.boundary, piece.lattice, self.bounds, boxes,
+            self.grid_bar, momentum, self.velocity, self.momentum_bar,
         )  # fmt: skip
 
 

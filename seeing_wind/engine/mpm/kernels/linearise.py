@@ -98,24 +98,24 @@ def stress_derivative(plastic: ti.template(), at, own, dx, dt, particle: ti.temp
     """Writes what STRESS names into `record` from `at` on; returns tau, viscous part included."""
     law, mu, lam = ti.cast(particle[own + LAW], ti.i32), particle[own + MU], particle[own + LAM]
     viscosity, scale = particle[own + VISCOSITY], -4.0 * dt / dx * particle[own + VOLUME]
-    tau, trace = kirchhoff(plastic, law, F, mu, lam)
+    tau, known = kirchhoff(plastic, law, F, mu, lam)
     inverse, damped = F.inverse().transpose(), is_damped(law, viscosity)
     whole = tau
     if damped:
         whole += viscous(C, mu, lam, viscosity)
     turn = scale * product(whole, inverse)
-    m, U, x, slopes = 0.0, ti.Matrix.zero(float, 3, 3), ti.Vector.zero(float, 3), ti.Vector.zero(float, 3)
+    m, U, x, e, slopes = 0.0, ti.Matrix.zero(float, 3, 3), ti.Vector.zero(float, 3), ti.Vector.zero(float, 3), ti.Vector.zero(float, 3)
     if ti.static(plastic):
         if law >= VON_MISES:
-            m, U, x, _e, slopes = hencky_known(F)
+            m, U, x, e, slopes = hencky_known(F)
     for a in range(3):
         for b in range(a, 3):
             bar = ti.Matrix.zero(float, 3, 3)
             bar[a, b] = scale
-            F_bar = kirchhoff_adjoint(law, F, mu, lam, trace, bar)
+            F_bar, _mu_bar, _lam_bar = kirchhoff_adjoint(law, F, mu, lam, known, bar)
             if ti.static(plastic):
                 if law >= VON_MISES:
-                    F_bar = hencky_adjoint(F, mu, lam, m, U, x, slopes, bar)
+                    F_bar, _mu_bar, _lam_bar = hencky_adjoint(F, mu, lam, m, U, x, e, slopes, bar)
             elif damped:
                 F_bar -= product(product(C.transpose(), viscosity * doubled_rate(bar, lam / mu)), inverse)
             for i, d in ti.static(ti.ndrange(3, 3)):
@@ -175,11 +175,11 @@ def flow_derivative(at, own, dt, particle: ti.template(), trial, flow: ti.templa
     flows = 0
     if law >= VON_MISES and not certainly_elastic(size, mu, yield_stress):
         flows = 1
-        U, x, e, s, kept, M, shear = flow_known(law, mu, yield_stress, particle[own + VISCOSITY], dt, X, size)
+        U, x, e, s, kept, M, shear, _trial, _limit, _w = flow_known(law, mu, yield_stress, particle[own + VISCOSITY], dt, X, size)
         for row in range(9):
             bar = ti.Matrix.zero(float, 3, 3)
             bar[row // 3, row % 3] = 1.0
-            F_bar = through_flow(trial, m, U, x, e, s, kept, M, shear, bar)
+            F_bar, _s_bar = through_flow(trial, m, U, x, e, s, kept, M, shear, bar)
             for i, d in ti.static(ti.ndrange(3, 3)):
                 flow[at + 9 * row + 3 * i + d] = ti.cast(F_bar[i, d], ti.f32)
     return flows

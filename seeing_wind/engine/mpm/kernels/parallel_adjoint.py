@@ -1,4 +1,4 @@
-"""One substep of one large body backwards, on all cores: derivatives by its start and force from those by its end.
+"""One substep of one large body backwards, on all cores: derivatives by its start, force and material from those by its end.
 
 Each function is the adjoint of its namesake in `substep` or `parallel`, called in reverse order. A name with `_bar` is the
 derivative of the loss by the name.
@@ -12,7 +12,7 @@ from ..lattice.conditions import boundary_jacobian
 from ..laws.constitutive import kirchhoff_both_ways
 from ..laws.eigen import from_columns, times_columns
 from ..laws.plasticity import VON_MISES, plastic_flow_adjoint
-from ..laws.viscous import is_damped, viscous
+from ..laws.viscous import is_damped, viscous, viscous_adjoint
 from .crew import await_all, counters, finish, share, take
 from .packed import (
     LAM,
@@ -56,7 +56,9 @@ PHASES = 4
 
 
 @ti.func
-def plastic_flow_back(own, particle: ti.template(), C0, C1, C2, F0, F1, F2, F0_bar, F1_bar, F2_bar, dt):
+def plastic_flow_back(
+    material, own, particle: ti.template(), C0, C1, C2, F0, F1, F2, F0_bar, F1_bar, F2_bar, dt, particle_bar: ti.template()
+):
     """Columns of F_bar before the plastic flow from those after it; C, F: columns of the next affine velocity and of this F."""
     columns = [F0_bar, F1_bar, F2_bar]
     law = ti.cast(particle[own + LAW], ti.i32)
@@ -66,19 +68,24 @@ def plastic_flow_back(own, particle: ti.template(), C0, C1, C2, F0, F1, F2, F0_b
             F1 + dt * times_columns(C0, C1, C2, F1),
             F2 + dt * times_columns(C0, C1, C2, F2),
         )
-        through = plastic_flow_adjoint(
+        through, mu_bar, yield_bar, viscosity_bar = plastic_flow_adjoint(
             law, trial, particle[own + MU], particle[own + YIELD_STRESS], particle[own + VISCOSITY], dt,
             from_columns(F0_bar, F1_bar, F2_bar),
         )  # fmt: skip
         for j in ti.static(range(3)):
             columns[j] = ti.Vector([through[0, j], through[1, j], through[2, j], columns[j][3]])
+        if material != 0:
+            particle_bar[own + MU] = particle_bar[own + MU] + mu_bar
+            particle_bar[own + YIELD_STRESS] = particle_bar[own + YIELD_STRESS] + yield_bar
+            particle_bar[own + VISCOSITY] = particle_bar[own + VISCOSITY] + viscosity_bar
     return columns[0], columns[1], columns[2]
 
 
 @ti.func
 def grid_to_particle_adjoint(
-    plastic: ti.template(), p, first_node, particle: ti.template(), state: ti.template(), state_next: ti.template(),
-    bar: ti.template(), offset, dx, dt, lo, dims, grid_bar: ti.template(),
+    plastic: ti.template(), material, p, first_node, particle: ti.template(), state: ti.template(),
+    state_next: ti.template(), bar: ti.template(), particle_bar: ti.template(), offset, dx, dt, lo, dims,
+    grid_bar: ti.template(),
 ):  # fmt: skip
     """g2p backwards: adds to the nodes' v_bar; `bar` turns from the next state's into this one's, as far as it goes through g2p."""
     row, _push, own = rows_of(p)
@@ -88,7 +95,9 @@ def grid_to_particle_adjoint(
     C0_bar, C1_bar, C2_bar = bar[row + 3], bar[row + 4], bar[row + 5]
     x_bar, v_bar = fourths(F0_bar, F1_bar, F2_bar, 0.0), fourths(C0_bar, C1_bar, C2_bar, 0.0)
     if ti.static(plastic):
-        F0_bar, F1_bar, F2_bar = plastic_flow_back(own, particle, C0, C1, C2, F0, F1, F2, F0_bar, F1_bar, F2_bar, dt)
+        F0_bar, F1_bar, F2_bar = plastic_flow_back(
+            material, own, particle, C0, C1, C2, F0, F1, F2, F0_bar, F1_bar, F2_bar, dt, particle_bar
+        )
     if ti.cast(particle[own + ROLE], ti.i32) == FREE:
         v_bar = v_bar + dt * x_bar
     k = 4.0 / dx
@@ -116,7 +125,8 @@ def sums(a, b, c):
 @ti.func
 def node_to_velocity_adjoint(
     node, tasks, bounds: ti.template(), boxes: ti.template(), grid_bar: ti.template(), momentum: ti.template(),
-    momentum_bar: ti.template(), offset, dx, clamp: ti.template(), planes: ti.template(), solid: ti.template(),
+    momentum_bar: ti.template(), offset, dx, clamp: ti.template(), clamp_velocity: ti.template(), planes: ti.template(),
+    solid: ti.template(),
 ):  # fmt: skip
     """v = boundary(q / m): turns the nodes' v_bar into q_bar and m_bar."""
     lo, dims = bounds_of(bounds)
@@ -136,10 +146,11 @@ def node_to_velocity_adjoint(
 
 @ti.func
 def particle_to_grid_adjoint(
-    plastic: ti.template(), p, particle: ti.template(), state: ti.template(), state_next: ti.template(), force: ti.template(),
-    bar: ti.template(), force_bar: ti.template(), offset, dx, dt, lo, dims, velocity: ti.template(), momentum_bar: ti.template(),
+    plastic: ti.template(), material, p, particle: ti.template(), state: ti.template(), state_next: ti.template(),
+    force: ti.template(), bar: ti.template(), force_bar: ti.template(), particle_bar: ti.template(), offset, dx, dt, lo, dims,
+    velocity: ti.template(), momentum_bar: ti.template(),
 ):  # fmt: skip
-    """p2g backwards, and what g2p has through the particle's place: completes `bar`, adds to the derivative by the force."""
+    """p2g backwards, and what g2p has through the particle's place: completes `bar`, adds to the derivatives by force and constants."""
     row, push, own = rows_of(p)
     F0, F1, F2 = state[row], state[row + 1], state[row + 2]
     F = from_columns(F0, F1, F2)
@@ -152,11 +163,13 @@ def particle_to_grid_adjoint(
     A2_bar = with_fourth(dx * (Mz - f[2] * q_bar), q_bar[2])
     tau_bar = ((-4.0 * dt / (dx * dx)) * particle[own + VOLUME]) * from_columns(A0_bar, A1_bar, A2_bar)
     mu, lam, viscosity = particle[own + MU], particle[own + LAM], particle[own + VISCOSITY]
-    tau, F_bar = kirchhoff_both_ways(plastic, law, F, mu, lam, tau_bar)
-    C_bar = ti.Matrix.zero(float, 3, 3)
+    tau, F_bar, mu_bar, lam_bar = kirchhoff_both_ways(plastic, law, F, mu, lam, tau_bar)
+    C_bar, viscosity_bar = ti.Matrix.zero(float, 3, 3), 0.0
     if is_damped(law, viscosity):
-        tau += viscous(from_columns(state[row + 3], state[row + 4], state[row + 5]), mu, lam, viscosity)
-        C_bar = viscous(tau_bar, mu, lam, viscosity)  # linear, and its own adjoint
+        C = from_columns(state[row + 3], state[row + 4], state[row + 5])
+        tau += viscous(C, mu, lam, viscosity)
+        C_bar, by_mu, by_lam, viscosity_bar = viscous_adjoint(C, mu, lam, viscosity, tau_bar)
+        mu_bar, lam_bar = mu_bar + by_mu, lam_bar + by_lam
     S, X, Y, Z = node_terms(tau, row, push, own, f, particle, state, force, dx, dt)
     D0, D1, D2 = bar[row + 3], bar[row + 4], bar[row + 5]
     U, V, W = with_fourth(D0, 0.0), with_fourth(D1, 0.0), with_fourth(D2, 0.0)
@@ -164,19 +177,28 @@ def particle_to_grid_adjoint(
     pull_x, pull_y, pull_z = spline_pull(f, S, X, Y, Z, at, dims, momentum_bar, T, U, V, W, velocity)
     v_next = fourths(state_next[row + 3], state_next[row + 4], state_next[row + 5], 0.0)
     pull = (1.0 / dx) * sums(pull_x - X * q_bar - U * v_next, pull_y - Y * q_bar - V * v_next, pull_z - Z * q_bar - W * v_next)
-    mass = particle[own + MASS]
+    mass, mass_bar = particle[own + MASS], q_bar[3]
     A_bar = [A0_bar, A1_bar, A2_bar]
     for j in ti.static(range(3)):
         bar[row + j] = bar[row + j] + ti.Vector([F_bar[0, j], F_bar[1, j], F_bar[2, j], pull[j]])
         moving_bar = mass * A_bar[j]
         bar[row + 3 + j] = moving_bar + ti.Vector([C_bar[0, j], C_bar[1, j], C_bar[2, j], 0.0])
         force_bar[push + j] = force_bar[push + j] + dt * moving_bar
+    if material != 0:
+        for j in ti.static(range(3)):
+            along = A_bar[j] * (state[row + 3 + j] + dt * force[push + j])
+            mass_bar += along[0] + along[1] + along[2] + along[3]
+        particle_bar[own + MASS] = particle_bar[own + MASS] + mass_bar
+        particle_bar[own + MU] = particle_bar[own + MU] + mu_bar
+        particle_bar[own + LAM] = particle_bar[own + LAM] + lam_bar
+        particle_bar[own + VISCOSITY] = particle_bar[own + VISCOSITY] + viscosity_bar
 
 
 @ti.func
 def grid_to_task_adjoint(
-    task, plastic: ti.template(), first: ti.template(), particle: ti.template(), state: ti.template(), state_next: ti.template(),
-    bar: ti.template(), lattice: ti.template(), bounds: ti.template(), boxes: ti.template(), grid_bar: ti.template(),
+    task, plastic: ti.template(), material, first: ti.template(), particle: ti.template(), state: ti.template(),
+    state_next: ti.template(), bar: ti.template(), particle_bar: ti.template(), lattice: ti.template(), bounds: ti.template(),
+    boxes: ti.template(), grid_bar: ti.template(),
 ):  # fmt: skip
     """`grid_to_particle_adjoint` of a task's particles, into its own grid."""
     offset, dx, dt = lattice_of(lattice)
@@ -184,21 +206,23 @@ def grid_to_task_adjoint(
     first_node = clear(task, bounds, boxes, grid_bar)
     for index in range(first[task], first[task + 1]):
         p = bounded(index, MOST_PARTICLES)
-        grid_to_particle_adjoint(plastic, p, first_node, particle, state, state_next, bar, offset, dx, dt, lo, dims, grid_bar)
+        grid_to_particle_adjoint(
+            plastic, material, p, first_node, particle, state, state_next, bar, particle_bar, offset, dx, dt, lo, dims, grid_bar
+        )
 
 
 @ti.func
 def particles_to_task_adjoint(
-    task, plastic: ti.template(), first: ti.template(), particle: ti.template(), state: ti.template(), state_next: ti.template(),
-    force: ti.template(), bar: ti.template(), force_bar: ti.template(), lattice: ti.template(), bounds: ti.template(),
-    velocity: ti.template(), momentum_bar: ti.template(),
+    task, plastic: ti.template(), material, first: ti.template(), particle: ti.template(), state: ti.template(),
+    state_next: ti.template(), force: ti.template(), bar: ti.template(), force_bar: ti.template(), particle_bar: ti.template(),
+    lattice: ti.template(), bounds: ti.template(), velocity: ti.template(), momentum_bar: ti.template(),
 ):  # fmt: skip
     """`particle_to_grid_adjoint` of a task's particles."""
     offset, dx, dt = lattice_of(lattice)
     lo, dims = bounds_of(bounds)
     for index in range(first[task], first[task + 1]):
         particle_to_grid_adjoint(
-            plastic, bounded(index, MOST_PARTICLES), particle, state, state_next, force, bar, force_bar,
+            plastic, material, bounded(index, MOST_PARTICLES), particle, state, state_next, force, bar, force_bar, particle_bar,
             offset, dx, dt, lo, dims, velocity, momentum_bar,
         )  # fmt: skip
 
@@ -206,11 +230,12 @@ def particles_to_task_adjoint(
 @ti.kernel
 def substep_adjoint(
     plastic: ti.template(),
+    material: ti.i32,  # whether derivatives by the particles' constants are wanted
     workers: ti.i32, roster: counters,  # see `crew`
     # body at the substep's start and end; momentum as `substep` leaves it
     first: integers, particle: constants, state: states, state_next: states, force: forces,
-    # derivatives, in: by the next state, out: by this one; those by the force are added up
-    bar: states, force_bar: forces,
+    # derivatives, in: by the next state, out: by this one; those by force and constants are added up
+    bar: states, force_bar: forces, particle_bar: constants,
     clamp: flags, clamp_velocity: lattice_rows, planes: rows, solid: lattice_rows,
     lattice: numbers, bounds: integers, boxes: table,
     grid_bar: nodes, momentum: nodes, velocity: nodes, momentum_bar: nodes,
@@ -235,7 +260,9 @@ def substep_adjoint(
             # Nobody reads these velocities before the last phase.
             task = take(roster, 1, worker, workers, tasks)
             while task < tasks:
-                grid_to_task_adjoint(task, plastic, first, particle, state, state_next, bar, lattice, bounds, boxes, grid_bar)
+                grid_to_task_adjoint(
+                    task, plastic, material, first, particle, state, state_next, bar, particle_bar, lattice, bounds, boxes, grid_bar
+                )
                 finish(roster, 1)
                 task = take(roster, 1, worker, workers, tasks)
             await_all(roster, 1, tasks)
@@ -245,7 +272,7 @@ def substep_adjoint(
                 for index in range(begin, end):
                     node_to_velocity_adjoint(
                         bounded(index, MOST_NODES), tasks, bounds, boxes, grid_bar, momentum, momentum_bar, offset, dx,
-                        clamp, planes, solid,
+                        clamp, clamp_velocity, planes, solid,
                     )  # fmt: skip
                 finish(roster, 2)
                 task = take(roster, 2, worker, workers, tasks)
@@ -254,6 +281,7 @@ def substep_adjoint(
             task = take(roster, 3, worker, workers, tasks)
             while task < tasks:
                 particles_to_task_adjoint(
-                    task, plastic, first, particle, state, state_next, force, bar, force_bar, lattice, bounds, velocity, momentum_bar,
+                    task, plastic, material, first, particle, state, state_next, force, bar, force_bar, particle_bar, lattice,
+                    bounds, velocity, momentum_bar,
                 )  # fmt: skip
                 task = take(roster, 3, worker, workers, tasks)

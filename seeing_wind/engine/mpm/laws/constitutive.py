@@ -1,7 +1,7 @@
 """Elastic laws as small functions F -> Kirchhoff stress tau = J sigma [Pa], and their adjoints.
 
-Every adjoint takes `tau_bar` = d loss / d tau and returns F_bar = d loss / d F. No singular values anywhere: nothing
-to divide by when two of them meet, as they do at rest.
+Every adjoint takes `tau_bar` = d loss / d tau and returns the derivatives of the loss with respect to F, mu and lam. No singular values
+anywhere: nothing to divide by when two of them meet, as they do at rest.
 
 The stretch V = sqrt(B), B = F F^T, of F = V R needs no iteration on matrices. Its trace is the largest root of a quartic whose
 coefficients are invariants of F; there the quartic's slope is 8 times the product of the sums of two stretches, so the root is simple
@@ -76,24 +76,25 @@ def corotated(F, mu, lam):
 
 @ti.func
 def neo_hookean(F, mu, lam):
-    """tau = mu (F F^T - I) + lam log J I."""
-    return full(plus_identity(mu * left_cauchy_green(F), lam * ti.log(F.determinant()) - mu))
+    """tau = mu (F F^T - I) + lam log J I; and log J."""
+    log_J = ti.log(F.determinant())
+    return full(plus_identity(mu * left_cauchy_green(F), lam * log_J - mu)), log_J
 
 
 @ti.func
 def kirchhoff(plastic: ti.template(), law, F, mu, lam):
-    """tau of the particle's law, and tr V, which `kirchhoff_adjoint` wants of the corotated law; 0 of others.
+    """tau of the particle's law, and the number that cost most on the way, which `kirchhoff_adjoint` wants: tr V or log J.
 
     `plastic` is a constant that keeps the plastic laws out of kernels that do not need them.
     """
-    tau, i = ti.Matrix.zero(float, 3, 3), 0.0
+    tau, known = ti.Matrix.zero(float, 3, 3), 0.0
     if law == NEO_HOOKEAN:
-        tau = neo_hookean(F, mu, lam)
+        tau, known = neo_hookean(F, mu, lam)
     elif law == COROTATED:
-        tau, i = corotated(F, mu, lam)
+        tau, known = corotated(F, mu, lam)
     elif ti.static(plastic):
         tau = hencky(F, mu, lam)
-    return tau, i
+    return tau, known
 
 
 @ti.func
@@ -105,7 +106,7 @@ def cross(a, b):
 
 @ti.func
 def corotated_adjoint(F, mu, lam, i, tau_bar):
-    """F_bar. R turns with dR = [w]x R, (tr(V) I - V) w = axial(dF R^T), where axial(A) . u = A : [u]x for all u.
+    """F_bar, mu_bar, lam_bar. R turns with dR = [w]x R, (tr(V) I - V) w = axial(dF R^T), where axial(A) . u = A : [u]x for all u.
 
     With R = (K F + i cof F) / sums, K = (tr B + ii) I - B, and W = T + [w]x the derivative by F is
     2 mu (2 T - W K / sums) F + (lam (2 J - 1) tr T - 2 mu i W / sums) cof F. Matrices are built column by column.
@@ -132,7 +133,8 @@ def corotated_adjoint(F, mu, lam, i, tau_bar):
     a = times_columns(M0, M1, M2, F0) + swell * cof0 - i * times_columns(W0, W1, W2, cof0)
     b = times_columns(M0, M1, M2, F1) + swell * cof1 - i * times_columns(W0, W1, W2, cof1)
     c = times_columns(M0, M1, M2, F2) + swell * cof2 - i * times_columns(W0, W1, W2, cof2)
-    return from_columns(a, b, c)
+    mu_bar = 2.0 * contracted(S, B - V)
+    return from_columns(a, b, c), mu_bar, trace * J * (J - 1.0)
 
 
 @ti.func
@@ -156,8 +158,14 @@ def symmetric_times(S, b):
 
 
 @ti.func
-def neo_hookean_adjoint(F, mu, lam, tau_bar):
-    """F_bar, with d log J = F^-T : dF."""
+def contracted(S, E):
+    """S : E of symmetric matrices (6,)."""
+    return S[0] * E[0] + S[1] * E[1] + S[2] * E[2] + 2.0 * (S[3] * E[3] + S[4] * E[4] + S[5] * E[5])
+
+
+@ti.func
+def neo_hookean_adjoint(F, mu, lam, log_J, tau_bar):
+    """F_bar, mu_bar, lam_bar, with d log J = F^-T : dF."""
     S = symmetric_part(tau_bar)
     trace = S[0] + S[1] + S[2]
     k, swell = 2.0 * mu, lam * trace / F.determinant()
@@ -166,29 +174,31 @@ def neo_hookean_adjoint(F, mu, lam, tau_bar):
     a = times_columns(T0, T1, T2, F0) + swell * cross(F1, F2)
     b = times_columns(T0, T1, T2, F1) + swell * cross(F2, F0)
     c = times_columns(T0, T1, T2, F2) + swell * cross(F0, F1)
-    return from_columns(a, b, c)
+    mu_bar = contracted(S, left_cauchy_green(F)) - trace
+    return from_columns(a, b, c), mu_bar, trace * log_J
 
 
 @ti.func
-def kirchhoff_adjoint(law, F, mu, lam, i, tau_bar):
-    """F_bar of an elastic law; i = tr V from `kirchhoff`."""
-    F_bar = ti.Matrix.zero(float, 3, 3)
+def kirchhoff_adjoint(law, F, mu, lam, known, tau_bar):
+    """F_bar, mu_bar, lam_bar of an elastic law; `known` from `kirchhoff`."""
+    F_bar, mu_bar, lam_bar = ti.Matrix.zero(float, 3, 3), 0.0, 0.0
     if law == NEO_HOOKEAN:
-        F_bar = neo_hookean_adjoint(F, mu, lam, tau_bar)
+        F_bar, mu_bar, lam_bar = neo_hookean_adjoint(F, mu, lam, known, tau_bar)
     elif law == COROTATED:
-        F_bar = corotated_adjoint(F, mu, lam, i, tau_bar)
-    return F_bar
+        F_bar, mu_bar, lam_bar = corotated_adjoint(F, mu, lam, known, tau_bar)
+    return F_bar, mu_bar, lam_bar
 
 
 @ti.func
 def kirchhoff_both_ways(plastic: ti.template(), law, F, mu, lam, tau_bar):
-    """tau, as of `kirchhoff`, and F_bar of the particle's law; `plastic` as there."""
-    tau, F_bar = ti.Matrix.zero(float, 3, 3), ti.Matrix.zero(float, 3, 3)
+    """tau, as of `kirchhoff`, and F_bar, mu_bar, lam_bar of the particle's law; `plastic` as there."""
+    tau, F_bar, mu_bar, lam_bar = ti.Matrix.zero(float, 3, 3), ti.Matrix.zero(float, 3, 3), 0.0, 0.0
     if law == NEO_HOOKEAN:
-        tau, F_bar = neo_hookean(F, mu, lam), neo_hookean_adjoint(F, mu, lam, tau_bar)
+        tau, log_J = neo_hookean(F, mu, lam)
+        F_bar, mu_bar, lam_bar = neo_hookean_adjoint(F, mu, lam, log_J, tau_bar)
     elif law == COROTATED:
         tau, i = corotated(F, mu, lam)
-        F_bar = corotated_adjoint(F, mu, lam, i, tau_bar)
+        F_bar, mu_bar, lam_bar = corotated_adjoint(F, mu, lam, i, tau_bar)
     elif ti.static(plastic):
-        tau, F_bar = hencky_both_ways(F, mu, lam, tau_bar)
-    return tau, F_bar
+        tau, F_bar, mu_bar, lam_bar = hencky_both_ways(F, mu, lam, tau_bar)
+    return tau, F_bar, mu_bar, lam_bar

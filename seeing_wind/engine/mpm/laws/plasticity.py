@@ -69,15 +69,15 @@ def principal_strains(X, size):
 
 @ti.func
 def hencky_known(F):
-    """m, U, x and e of `principal_strains`, and the logarithm's divided differences: what `hencky_adjoint` needs of F, and e."""
+    """What `hencky_adjoint` needs of F, whatever it is asked: m, U, x and e of `principal_strains`, the logarithm's divided differences."""
     m, X, size = relative_deviator(left_cauchy_green(F))
     U, x, e = principal_strains(X, size)
     return m, U, x, e, log_slopes(x, e)
 
 
 @ti.func
-def hencky_adjoint(F, mu, lam, m, U, x, slopes, tau_bar):
-    """F_bar of `hencky`."""
+def hencky_adjoint(F, mu, lam, m, U, x, e, slopes, tau_bar):
+    """F_bar, mu_bar, lam_bar of `hencky`."""
     basis = U.transpose()
     T = symmetric_part(product(product(basis, tau_bar), U))
     trace = T[0] + T[1] + T[2]
@@ -92,27 +92,30 @@ def hencky_adjoint(F, mu, lam, m, U, x, slopes, tau_bar):
             2.0 * mu * T[5] * slopes[2],
         ]
     )
-    return product(U, product(full(B_bar / m), product(basis, F)))
+    F_bar = product(U, product(full(B_bar / m), product(basis, F)))
+    mean = 0.5 * ti.log(m)
+    mu_bar = 2.0 * (T[0] * e[0] + T[1] * e[1] + T[2] * e[2] + trace * mean)
+    return F_bar, mu_bar, trace * (e[0] + e[1] + e[2] + 3.0 * mean)
 
 
 @ti.func
 def hencky_both_ways(F, mu, lam, tau_bar):
-    """tau of `hencky`, and F_bar: the principal strains serve both."""
+    """tau of `hencky`, and F_bar, mu_bar, lam_bar: the principal strains serve both."""
     m, U, x, e, slopes = hencky_known(F)
-    F_bar = hencky_adjoint(F, mu, lam, m, U, x, slopes, tau_bar)
+    F_bar, mu_bar, lam_bar = hencky_adjoint(F, mu, lam, m, U, x, e, slopes, tau_bar)
     mean = 0.5 * ti.log(m)
     stress = 2.0 * mu * (e + mean) + lam * (e[0] + e[1] + e[2] + 3.0 * mean)
     scaled = ti.Matrix([[U[i, j] * stress[j] for j in ti.static(range(3))] for i in ti.static(range(3))])
-    return product(scaled, U.transpose()), F_bar
+    return product(scaled, U.transpose()), F_bar, mu_bar, lam_bar
 
 
 @ti.func
 def flow_known(law, mu, yield_stress, viscosity, dt, X, size):
-    """What `through_flow` needs of F F^T = m (I + X), |X| = size, whatever it is asked.
+    """What `through_flow` needs of F F^T = m (I + X), |X| = size, whatever it is asked, and what says how far F is beyond yield.
 
     Returns:
         U, x of `principal_strains`; e (3,) the principal deviator; s; -d s / d log |dev e| over |dev e|²; M = exp(s dev e) (3,); the
-        divided differences of M by those of the strain (3,).
+        divided differences of M by those of the strain (3,); |dev tau|, its limit, and w.
     """
     U, x, e = principal_strains(X, size)
     e = e - (e[0] + e[1] + e[2]) / 3.0
@@ -121,12 +124,12 @@ def flow_known(law, mu, yield_stress, viscosity, dt, X, size):
     s, kept = w * (limit / trial - 1.0), w * limit / trial
     a = s * e
     M = ti.Vector([ti.exp(a[0]), ti.exp(a[1]), ti.exp(a[2])])
-    return U, x, e, s, kept / e.norm_sqr(), M, s * exp_slopes(a, M) * log_slopes(x, e)
+    return U, x, e, s, kept / e.norm_sqr(), M, s * exp_slopes(a, M) * log_slopes(x, e), trial, limit, w
 
 
 @ti.func
 def through_flow(F, m, U, x, e, s, kept, M, shear, F_next_bar):
-    """F_bar through exp(s dev e) F; what the others are, `flow_known` says."""
+    """F_bar through exp(s dev e) F, and s_bar; what the others are, `flow_known` says."""
     basis = U.transpose()
     turned, turned_bar = product(basis, F), product(basis, F_next_bar)
     M_bar = symmetric_part(product(turned_bar, turned.transpose()))
@@ -145,15 +148,19 @@ def through_flow(F, m, U, x, e, s, kept, M, shear, F_next_bar):
         ]
     )
     scaled_bar = ti.Matrix([[M[i] * turned_bar[i, j] for j in ti.static(range(3))] for i in ti.static(range(3))])
-    return product(U, scaled_bar + product(full(B_bar / m), turned))
+    return product(U, scaled_bar + product(full(B_bar / m), turned)), s_bar
 
 
 @ti.func
 def plastic_flow_adjoint(law, F, mu, yield_stress, viscosity, dt, F_next_bar):
-    """F_bar of `plastic_flow`. Exactly at yield it is that of the elastic side."""
-    F_bar = F_next_bar
+    """Adjoint of `plastic_flow`: F_bar, mu_bar, yield_stress_bar, viscosity_bar. Exactly at yield it is that of the elastic side."""
+    F_bar, mu_bar, yield_stress_bar, viscosity_bar = F_next_bar, 0.0, 0.0, 0.0
     m, X, size = relative_deviator(left_cauchy_green(F))
     if law >= VON_MISES and not certainly_elastic(size, mu, yield_stress):
-        U, x, e, s, kept, M, shear = flow_known(law, mu, yield_stress, viscosity, dt, X, size)
-        F_bar = through_flow(F, m, U, x, e, s, kept, M, shear, F_next_bar)
-    return F_bar
+        U, x, e, s, kept, M, shear, trial, limit, w = flow_known(law, mu, yield_stress, viscosity, dt, X, size)
+        F_bar, s_bar = through_flow(F, m, U, x, e, s, kept, M, shear, F_next_bar)
+        yield_stress_bar = s_bar * w * RADIUS / trial
+        w_bar = ti.select(law == VISCOPLASTIC, s_bar * (ti.min(limit / trial, 1.0) - 1.0) / (viscosity + mu * dt), 0.0)
+        mu_bar = w_bar * (1.0 - w) * dt - s_bar * w * limit / trial / mu
+        viscosity_bar = -w_bar * w
+    return F_bar, mu_bar, yield_stress_bar, viscosity_bar

@@ -36,3 +36,15 @@ def doubled_rate(A, ratio):
 def viscous(C, mu, lam, viscosity):
     """tau_v [Pa]."""
     return viscosity * doubled_rate(C, lam / mu)
+
+
+@ti.func
+def viscous_adjoint(C, mu, lam, viscosity, tau_bar):
+    """C_bar, mu_bar, lam_bar, viscosity_bar. tau_v is linear in C, and the map is its own adjoint."""
+    ratio = lam / mu
+    swell = (C[0, 0] + C[1, 1] + C[2, 2]) * (tau_bar[0, 0] + tau_bar[1, 1] + tau_bar[2, 2])
+    shear = 0.0 * mu
+    for i, j in ti.static(ti.ndrange(3, 3)):
+        shear += tau_bar[i, j] * (C[i, j] + C[j, i])
+    lam_bar = viscosity * swell / mu
+    return viscosity * doubled_rate(tau_bar, ratio), -ratio * lam_bar, lam_bar, shear + ratio * swell
