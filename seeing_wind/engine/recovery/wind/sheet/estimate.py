@@ -93,7 +93,7 @@ def follower_of(shell: Shell, seen: Observed, gravity: Sequence[float], cause: C
 
 
 def field_of(
-    follower: Follower, mean: float, progress: Progress | None = None, journal: Journal = Journal(), *, learns: bool = True
+    follower: Follower, mean: float, progress: Progress = NoProgress(), journal: Journal = Journal(), *, learns: bool = True
 ) -> SheetEstimate:
     """The most probable field of the follower's cause.
 
@@ -106,7 +106,6 @@ def field_of(
     Raises:
         SimulationError: when the sheet cannot be simulated even near where it was seen. Cancelled: when the user asked to stop.
     """
-    progress = progress or NoProgress()
     frames, mass = follower.seen.frames, follower.shell.mass * ~follower.shell.pinned
     progress.update(0.0, "the forces on the sheet")
     balance, basis = balance_of(follower.shell, follower.seen, follower.gravity), spatial_basis(follower.seen.rest, mass, MODES)
