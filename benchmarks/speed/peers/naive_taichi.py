@@ -6,6 +6,8 @@ scatters with atomics, one over the nodes, one over the particles that gathers. 
 # The compiler reads the annotations of kernels at run time.
 # mypy: ignore-errors
 
+from types import SimpleNamespace
+
 import numpy as np
 
 from seeing_wind.engine.mpm.compiler import ti
@@ -16,7 +18,6 @@ vec3 = ti.types.vector(3, ti.f32)
 mat3 = ti.types.matrix(3, 3, ti.f32)
 
 
-@ti.data_oriented
 class NaiveTaichi:
     """Runs a `problem.Problem`."""
 
@@ -24,32 +25,25 @@ class NaiveTaichi:
 
     def __init__(self, problem) -> None:
         n, g = len(problem.x), problem.grid
-        self.n, self.g, self.law = n, g, problem.law
-        self.dx, self.dt = problem.dx, problem.dt
         self.x, self.v = ti.Vector.field(3, ti.f32, n), ti.Vector.field(3, ti.f32, n)
         self.C, self.F = ti.Matrix.field(3, 3, ti.f32, n), ti.Matrix.field(3, 3, ti.f32, n)
-        self.grid_v, self.grid_m = ti.Vector.field(3, ti.f32, (g, g, g)), ti.field(ti.f32, (g, g, g))
-        self.mass, self.volume, self.mu, self.lam = problem.mass, problem.volume, problem.mu, problem.lam
-        self.limit, self.viscosity = float(np.sqrt(2.0 / 3.0)) * problem.yield_stress, problem.viscosity
-        self.gravity = vec3(problem.gravity)
-        self.p = problem
+        self.problem = problem
+        self.kernels = _kernels(problem, self.x, self.v, self.C, self.F, ti.Vector.field(3, ti.f32, (g, g, g)), ti.field(ti.f32, (g, g, g)))
         self.reset()
 
     def reset(self) -> None:
         """Back to the first state."""
-        self.x.from_numpy(self.p.x.astype(np.float32))
-        self.v.from_numpy(self.p.v.astype(np.float32))
-        self.C.from_numpy(self.p.C.astype(np.float32))
-        self.F.from_numpy(self.p.F.astype(np.float32))
+        for field, values in ((self.x, self.problem.x), (self.v, self.problem.v), (self.C, self.problem.C), (self.F, self.problem.F)):
+            field.from_numpy(values.astype(np.float32))
 
     def run(self, substeps: int) -> None:
         """Advance by that many substeps."""
         with compiled_in(np.float32), contracted():
             for _ in range(substeps):
-                self.clear()
-                self.p2g()
-                self.grid_op()
-                self.g2p()
+                self.kernels.clear()
+                self.kernels.p2g()
+                self.kernels.grid_op()
+                self.kernels.g2p()
             ti.sync()
 
     def positions(self) -> np.ndarray:
@@ -60,81 +54,89 @@ class NaiveTaichi:
         """(N, 3, 3)."""
         return self.F.to_numpy()
 
+
+def _kernels(problem, x, v, C, F, grid_v, grid_m) -> SimpleNamespace:
+    """Of one substep of a problem, with its numbers as constants. They are no methods: `compiler.tracing` knows of no class."""
+    law, dx, dt, mass, volume, mu, lam = (getattr(problem, name) for name in ("law", "dx", "dt", "mass", "volume", "mu", "lam"))
+    limit, viscosity, gravity = float(np.sqrt(2.0 / 3.0)) * problem.yield_stress, problem.viscosity, vec3(problem.gravity)
+
     @ti.kernel
-    def clear(self):
-        for i in ti.grouped(self.grid_m):
-            self.grid_v[i] = ti.Vector.zero(ti.f32, 3)
-            self.grid_m[i] = 0.0
+    def clear():
+        for i in ti.grouped(grid_m):
+            grid_v[i] = ti.Vector.zero(ti.f32, 3)
+            grid_m[i] = 0.0
 
     @ti.func
-    def stress(self, F):
+    def stress(f):
         """Kirchhoff stress by singular values."""
-        U, S, V = ti.svd(F)
+        U, S, V = ti.svd(f)
         tau = ti.Matrix.zero(ti.f32, 3, 3)
         J = S[0, 0] * S[1, 1] * S[2, 2]
         I = ti.Matrix.identity(ti.f32, 3)
-        if ti.static(self.law == COROTATED):
-            tau = 2.0 * self.mu * (F - U @ V.transpose()) @ F.transpose() + self.lam * J * (J - 1.0) * I
-        elif ti.static(self.law == NEO_HOOKEAN):
-            tau = U @ (self.mu * S @ S + (self.lam * ti.log(J) - self.mu) * I) @ U.transpose()
+        if ti.static(law == COROTATED):
+            tau = 2.0 * mu * (f - U @ V.transpose()) @ f.transpose() + lam * J * (J - 1.0) * I
+        elif ti.static(law == NEO_HOOKEAN):
+            tau = U @ (mu * S @ S + (lam * ti.log(J) - mu) * I) @ U.transpose()
         else:
             e = ti.Matrix.zero(ti.f32, 3, 3)
             for d in ti.static(range(3)):
                 e[d, d] = ti.log(S[d, d])
-            tau = U @ (2.0 * self.mu * e + self.lam * e.trace() * I) @ U.transpose()
+            tau = U @ (2.0 * mu * e + lam * e.trace() * I) @ U.transpose()
         return tau
 
     @ti.func
-    def flow(self, F):
+    def flow(f):
         """Return mapping by singular values."""
-        flowed = F
-        if ti.static(self.law >= VON_MISES):
-            U, S, V = ti.svd(F)
+        flowed = f
+        if ti.static(law >= VON_MISES):
+            U, S, V = ti.svd(f)
             e = ti.Vector([ti.log(S[0, 0]), ti.log(S[1, 1]), ti.log(S[2, 2])])
             mean = e.sum() / 3.0
             deviator = e - mean
-            trial = 2.0 * self.mu * deviator.norm()
-            if trial > self.limit:
-                stress = self.limit
-                if ti.static(self.law == VISCOPLASTIC):
-                    stress = (self.viscosity * trial + self.mu * self.dt * self.limit) / (self.viscosity + self.mu * self.dt)
-                new = ti.exp(mean + deviator * (stress / trial))
+            trial = 2.0 * mu * deviator.norm()
+            if trial > limit:
+                reached = limit
+                if ti.static(law == VISCOPLASTIC):
+                    reached = (viscosity * trial + mu * dt * limit) / (viscosity + mu * dt)
+                new = ti.exp(mean + deviator * (reached / trial))
                 flowed = U @ ti.Matrix([[new[0], 0.0, 0.0], [0.0, new[1], 0.0], [0.0, 0.0, new[2]]]) @ V.transpose()
         return flowed
 
     @ti.kernel
-    def p2g(self):
-        for p in self.x:
-            base = (self.x[p] / self.dx - 0.5).cast(int)
-            fx = self.x[p] / self.dx - base.cast(ti.f32)
+    def p2g():
+        for p in x:
+            base = (x[p] / dx - 0.5).cast(int)
+            fx = x[p] / dx - base.cast(ti.f32)
             w = [0.5 * (1.5 - fx) ** 2, 0.75 - (fx - 1.0) ** 2, 0.5 * (fx - 0.5) ** 2]
-            affine = self.mass * self.C[p] - (self.dt * self.volume * 4.0 / self.dx**2) * self.stress(self.F[p])
+            affine = mass * C[p] - (dt * volume * 4.0 / dx**2) * stress(F[p])
             for i, j, k in ti.static(ti.ndrange(3, 3, 3)):
                 offset = ti.Vector([i, j, k])
-                dpos = (offset.cast(ti.f32) - fx) * self.dx
+                dpos = (offset.cast(ti.f32) - fx) * dx
                 weight = w[i][0] * w[j][1] * w[k][2]
-                self.grid_v[base + offset] += weight * (self.mass * (self.v[p] + self.dt * self.gravity) + affine @ dpos)
-                self.grid_m[base + offset] += weight * self.mass
+                grid_v[base + offset] += weight * (mass * (v[p] + dt * gravity) + affine @ dpos)
+                grid_m[base + offset] += weight * mass
 
     @ti.kernel
-    def grid_op(self):
-        for i in ti.grouped(self.grid_m):
-            if self.grid_m[i] > 0.0:
-                self.grid_v[i] /= self.grid_m[i]
+    def grid_op():
+        for i in ti.grouped(grid_m):
+            if grid_m[i] > 0.0:
+                grid_v[i] /= grid_m[i]
 
     @ti.kernel
-    def g2p(self):
-        for p in self.x:
-            base = (self.x[p] / self.dx - 0.5).cast(int)
-            fx = self.x[p] / self.dx - base.cast(ti.f32)
+    def g2p():
+        for p in x:
+            base = (x[p] / dx - 0.5).cast(int)
+            fx = x[p] / dx - base.cast(ti.f32)
             w = [0.5 * (1.5 - fx) ** 2, 0.75 - (fx - 1.0) ** 2, 0.5 * (fx - 0.5) ** 2]
             new_v, new_C = ti.Vector.zero(ti.f32, 3), ti.Matrix.zero(ti.f32, 3, 3)
             for i, j, k in ti.static(ti.ndrange(3, 3, 3)):
                 dpos = ti.Vector([i, j, k]).cast(ti.f32) - fx
-                g_v = self.grid_v[base + ti.Vector([i, j, k])]
+                g_v = grid_v[base + ti.Vector([i, j, k])]
                 weight = w[i][0] * w[j][1] * w[k][2]
                 new_v += weight * g_v
-                new_C += 4.0 / self.dx * weight * g_v.outer_product(dpos)
-            self.v[p], self.C[p] = new_v, new_C
-            self.x[p] += self.dt * new_v
-            self.F[p] = self.flow((ti.Matrix.identity(ti.f32, 3) + self.dt * new_C) @ self.F[p])
+                new_C += 4.0 / dx * weight * g_v.outer_product(dpos)
+            v[p], C[p] = new_v, new_C
+            x[p] += dt * new_v
+            F[p] = flow((ti.Matrix.identity(ti.f32, 3) + dt * new_C) @ F[p])
+
+    return SimpleNamespace(clear=clear, p2g=p2g, grid_op=grid_op, g2p=g2p)
