@@ -55,16 +55,10 @@ class NaiveTaichi:
         return self.F.to_numpy()
 
 
-def _kernels(problem, x, v, C, F, grid_v, grid_m) -> SimpleNamespace:
-    """Of one substep of a problem, with its numbers as constants. They are no methods: `compiler.tracing` knows of no class."""
-    law, dx, dt, mass, volume, mu, lam = (getattr(problem, name) for name in ("law", "dx", "dt", "mass", "volume", "mu", "lam"))
-    limit, viscosity, gravity = float(np.sqrt(2.0 / 3.0)) * problem.yield_stress, problem.viscosity, vec3(problem.gravity)
-
-    @ti.kernel
-    def clear():
-        for i in ti.grouped(grid_m):
-            grid_v[i] = ti.Vector.zero(ti.f32, 3)
-            grid_m[i] = 0.0
+def _laws(problem) -> tuple:
+    """Stress and return mapping of the problem's law. They and the kernels are no methods: `compiler.tracing` knows of no class."""
+    law, dt, mu, lam = problem.law, problem.dt, problem.mu, problem.lam
+    limit, viscosity = float(np.sqrt(2.0 / 3.0)) * problem.yield_stress, problem.viscosity
 
     @ti.func
     def stress(f):
@@ -101,6 +95,20 @@ def _kernels(problem, x, v, C, F, grid_v, grid_m) -> SimpleNamespace:
                 new = ti.exp(mean + deviator * (reached / trial))
                 flowed = U @ ti.Matrix([[new[0], 0.0, 0.0], [0.0, new[1], 0.0], [0.0, 0.0, new[2]]]) @ V.transpose()
         return flowed
+
+    return stress, flow
+
+
+def _kernels(problem, x, v, C, F, grid_v, grid_m) -> SimpleNamespace:
+    """Of one substep of a problem, with its numbers as constants."""
+    dx, dt, mass, volume, gravity = problem.dx, problem.dt, problem.mass, problem.volume, vec3(problem.gravity)
+    stress, flow = _laws(problem)
+
+    @ti.kernel
+    def clear():
+        for i in ti.grouped(grid_m):
+            grid_v[i] = ti.Vector.zero(ti.f32, 3)
+            grid_m[i] = 0.0
 
     @ti.kernel
     def p2g():

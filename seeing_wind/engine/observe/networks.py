@@ -123,6 +123,7 @@ class Outlined:
         self.flow: Flow | None = None
 
     def advance(self, frame: np.ndarray) -> np.ndarray:
+        """See `Follower.advance`."""
         before, gray = self.mask, cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY)
         self._count += 1
         self.mask, self.flow = self._masks[self._count], None
@@ -133,12 +134,15 @@ class Outlined:
         return self.mask
 
     def finished(self, frame: np.ndarray, mask: np.ndarray) -> np.ndarray:
+        """See `Follower.finished`."""
         return mask
 
     def state(self) -> dict[str, np.ndarray]:
+        """See `Follower.state`."""
         return {"outlined": np.array(self._count)}
 
     def resume(self, frame: np.ndarray, mask: np.ndarray, state: dict[str, np.ndarray]) -> None:
+        """See `Follower.resume`."""
         self._count, self._gray = int(state["outlined"]), cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY)
         self.mask, self.flow = mask, None
 

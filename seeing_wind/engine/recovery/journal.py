@@ -98,6 +98,7 @@ class TakeJournal(Journal):
             self.write()
 
     def once(self, name: str, kind: type[R], work: Callable[[], R], *inputs: Any) -> R:
+        """See `Journal.once`."""
         place, digest = self._place(name), stamp_of(*inputs)
         with contextlib.suppress(TakeError):
             kept = self.read(place, digest)
@@ -119,9 +120,11 @@ class TakeJournal(Journal):
         return from_arrays(kind, arrays)
 
     def array(self, name: str, work: Callable[[], np.ndarray], *inputs: Any) -> np.ndarray:
+        """See `Journal.array`."""
         return self.once(name, _Single, lambda: _Single(work()), *inputs).values
 
     def loop(self, name: str, *inputs: Any) -> Loop:
+        """See `Journal.loop`."""
         return _KeptLoop(self, self._place(name), stamp_of(*inputs))
 
     def due(self) -> bool:

@@ -211,6 +211,11 @@ def test_bad_colliders_are_refused_with_advice(make, match):
     assert caught.value.hint
 
 
+def test_a_list_of_something_else_is_refused():
+    with pytest.raises(UsageError, match="str is no collider"):
+        model_for(block(), RUBBER, 30.0, colliders=["floor"])
+
+
 def test_a_mesh_too_large_for_the_lattice_is_an_error():
     with pytest.raises(SimulationError, match="plane for a large floor"):
         model_for(block(), RUBBER, 30.0, colliders=[mesh_of(trimesh.creation.box((10, 10, 0.5)))])

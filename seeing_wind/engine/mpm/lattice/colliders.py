@@ -96,6 +96,9 @@ NO_COLLIDERS = ColliderGrid(np.zeros((1, 8)), np.zeros(3, np.int32), np.zeros((1
 
 
 def _planes(colliders: Sequence[Collider]) -> list[Plane]:
+    for collider in colliders:
+        if not isinstance(collider, (Plane, MeshCollider)):
+            raise UsageError(f"{type(collider).__name__} is no collider.", "Give a Plane or a MeshCollider.")
     return [one for one in colliders if isinstance(one, Plane)]
 
 
@@ -119,6 +122,7 @@ def collider_grid(colliders: Sequence[Collider], offset: np.ndarray, dx: float, 
     """Colliders on the lattice with a node at `offset` (3,) [m] and spacing dx [m]; meshes only in a region (2, 3) [m], if it is given.
 
     Raises:
+        UsageError: for something that is no collider.
         SimulationError: when the box around the meshes has too many nodes.
     """
     walls = _planes(colliders)

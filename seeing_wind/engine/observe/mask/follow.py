@@ -109,9 +109,11 @@ class MaskFollower:
         return mask
 
     def finished(self, frame: np.ndarray, mask: np.ndarray) -> np.ndarray:
+        """See `through.Follower.finished`."""
         return cut_back(frame, mask, self._plate, self._progress) if self._trim else mask
 
     def state(self) -> dict[str, np.ndarray]:
+        """See `through.Follower.state`."""
         return {
             "template": self._template,
             "velocity": self.velocity,
@@ -119,6 +121,7 @@ class MaskFollower:
         } | self._shape.state() | self._whole.state() | self._other.state() | ({} if self._panned is None else self._panned.state())
 
     def resume(self, frame: np.ndarray, mask: np.ndarray, state: dict[str, np.ndarray]) -> None:
+        """See `through.Follower.resume`."""
         steps, missed, hidden, most = (int(value) for value in state["counts"])
         self._template = state["template"]
         self._steps, self._missed, self._most = steps, missed, float(most)

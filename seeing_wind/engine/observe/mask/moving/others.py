@@ -85,9 +85,11 @@ class Other(Carried):
         self._beside.set(hanging_on(rest > 0, core), where)
 
     def state(self) -> dict[str, np.ndarray]:
+        """See `Carried.state`."""
         return super().state() | self._beside.state() | {"other_seen": self._seen}
 
     def resume(self, state: dict[str, np.ndarray]) -> None:
+        """See `Carried.resume`."""
         super().resume(state)
         self._beside.resume(state)
         self._seen = state["other_seen"]
