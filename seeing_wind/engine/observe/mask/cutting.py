@@ -53,12 +53,13 @@ def grab_cut(
 
 def tidy(mask: np.ndarray, near: np.ndarray | None = None) -> np.ndarray:
     """`mask` (h, w) bool without specks and small holes: the parts that touch `near`, or the largest part and those a tenth as large."""
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
+    # OpenCV's own figures of the parts take ten times as long as the parts, and most masks are one.
+    count, labels = cv2.connectedComponents(mask.astype(np.uint8), connectivity=8)
     if count < 2:
         return mask
     if count == 2:
         return _without_holes(mask if near is None or (near & mask).any() else np.zeros_like(mask))
-    areas = stats[1:, cv2.CC_STAT_AREA]
+    areas = np.bincount(labels.ravel(), minlength=count)[1:]
     keep = areas >= 0.1 * areas.max()
     if near is not None:
         touching = np.bincount(labels[near & mask], minlength=count)[1:]
@@ -69,10 +70,13 @@ def tidy(mask: np.ndarray, near: np.ndarray | None = None) -> np.ndarray:
 
 def _without_holes(kept: np.ndarray) -> np.ndarray:
     """`kept` (h, w) bool with its holes filled up to HOLE."""
-    holes, labels, stats, _ = cv2.connectedComponentsWithStats((~kept).astype(np.uint8), connectivity=4)
-    small = stats[:, cv2.CC_STAT_AREA] < HOLE * kept.sum()
+    holes, labels = cv2.connectedComponents((~kept).astype(np.uint8), connectivity=4)
+    most = HOLE * np.count_nonzero(kept)
+    if holes < 3 and kept.size - np.count_nonzero(kept) >= most:
+        return kept
+    small = np.bincount(labels.ravel(), minlength=holes) < most
     small[0] = False
-    return kept | small[labels] if holes > 1 and small.any() else kept
+    return kept | small[labels] if small.any() else kept
 
 
 def grown(mask: np.ndarray) -> np.ndarray:

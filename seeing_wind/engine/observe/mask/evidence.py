@@ -111,7 +111,7 @@ class Contrast:
         inside, beside = [np.zeros(0, np.uint8)], [np.zeros(0, np.uint8)]
         for frame, mask in seen:
             assert plate is not None  # without one, nothing can be seen before it
-            window = window_of(mask, 8 + int(0.35 * np.sqrt(mask.sum())))
+            window = window_of(mask, 8 + int(0.35 * np.sqrt(np.count_nonzero(mask))))
             classes, known = _classes(*plate.compared(frame, window), plate.noise), cut(plate.reliable, window, cv2.BORDER_CONSTANT)
             whole = cut(mask, window, cv2.BORDER_CONSTANT)
             shape = _unshaded(whole, classes % 3 > 0).astype(np.uint8)
@@ -166,13 +166,13 @@ def _unshaded(shape: np.ndarray, relit: np.ndarray) -> np.ndarray:
 
     What is `relit` but enclosed by the rest is no shadow: a shadow lies beside the thing that casts it.
     """
-    size = max(3, int(0.1 * np.sqrt(shape.sum()))) | 1
+    size = max(3, int(0.1 * np.sqrt(np.count_nonzero(shape)))) | 1
     own = cv2.morphologyEx((shape & ~relit).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
     own = np.pad(cv2.morphologyEx(np.pad(own, size), cv2.MORPH_CLOSE, kernel)[size:-size, size:-size], 1)
     _, labels = cv2.connectedComponents(1 - own, connectivity=4)
     filled = (labels != labels[0, 0])[1:-1, 1:-1] & shape
-    return filled if filled.sum() > OWN * shape.sum() else shape
+    return filled if np.count_nonzero(filled) > OWN * np.count_nonzero(shape) else shape
 
 
 def against_plate(

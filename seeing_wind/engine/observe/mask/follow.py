@@ -74,7 +74,7 @@ class MaskFollower:
         self._template = cut(frame, self._shape.window).copy()
         self._steps = 0
         self._missed = 0
-        self._most = float(mask.sum())
+        self._most = float(np.count_nonzero(mask))
         self._other = Other(frame, mask, other)
         self.mask = mask
         self.velocity = np.zeros(2)
@@ -133,7 +133,7 @@ class MaskFollower:
             self._panned.resume(frame, state)
 
     def _search(self, frame: np.ndarray) -> np.ndarray:
-        size = float(np.sqrt(self._shape.part.sum()))
+        size = float(np.sqrt(np.count_nonzero(self._shape.part)))
         # Nothing is known of the first step; a large thing moves only part of its own width.
         reach = max(24.0, min(4.0 * size, LEAP), 0.7 * size) if self._steps == 0 else max(12.0, 0.5 * size)
         if self.hidden:
@@ -142,15 +142,16 @@ class MaskFollower:
 
     def _motion(self, shift: np.ndarray) -> np.ndarray:
         """(2,) [px], of the whole object: what it lost or gained on a side moves its middle, too, but not its points."""
-        if self.flow is None or self._shape.part.sum() < SMALL:
+        if self.flow is None or np.count_nonzero(self._shape.part) < SMALL:
             return self.velocity if self.hidden else shift
-        return np.median(self.flow.over(self._shape.window)[self._shape.part], axis=0).astype(np.float64)
+        motion = np.ascontiguousarray(self.flow.of(self._shape.part, self._shape.window).T)
+        return np.array([np.median(one) for one in motion], np.float64)
 
     def _carry(self, shift: np.ndarray, margin: int) -> tuple[np.ndarray, Window]:
         """The last silhouette moved by the flow (or the shift), in a window round its new place."""
         (x0, y0, x1, y1), (dx, dy) = self._shape.window, (int(value) for value in np.round(shift))
         where = (x0 + dx - margin, y0 + dy - margin, x1 + dx + margin, y1 + dy + margin)
-        if self.flow is None or self._shape.part.sum() < SMALL:
+        if self.flow is None or np.count_nonzero(self._shape.part) < SMALL:
             return placed(self._shape.part, (x0 + dx, y0 + dy, x1 + dx, y1 + dy), where), where
         moved = Carried("moved")
         moved.set(self._shape.part, self._shape.window)
@@ -161,7 +162,7 @@ class MaskFollower:
         """The object (h, w) bool by its `carried` silhouette (h, w) bool, both in the window `where`."""
         if not carried.any():
             return carried
-        band = band_of(float(carried.sum()))
+        band = band_of(float(np.count_nonzero(carried)))
         # Farther away than three bands, no evidence outweighs the silhouette's.
         near = window_of(carried, int(3 * band) + FILTERS)
         around = within((near[0] + where[0], near[1] + where[1], near[2] + where[0], near[3] + where[1]), frame)
@@ -170,7 +171,7 @@ class MaskFollower:
         crop, seen, before = cut(frame, around), self._against_plate(frame, around), placed(carried, where, around)
         colors = self._other.colors.odds(crop)
         odds = weighed(against_shape(before, band), seen, colors, self._other.over(around) & (colors < 0.0) & ~before)
-        own = tidy(cut_out(odds, crop, float(before.sum())), before)
+        own = tidy(cut_out(odds, crop, float(np.count_nonzero(before))), before)
         if seen is not None:
             differs = seen[1] & (seen[0] > 0.0)
             self._other.keep(differs, seen[1] & ~differs, colors < 0.0, own, own | self._whole.over(around), around)
@@ -183,8 +184,8 @@ class MaskFollower:
         What comes out behind a post, or of a sheet that was edge-on, lies farther away than a silhouette can be off. What surely is no
         background and has the object's colours there belongs to it where it adjoins it or lies where the whole of it would be.
         """
-        self._most = max(self._most, float(found.sum()))
-        if found.sum() >= WHOLE * self._most:
+        self._most = max(self._most, float(np.count_nonzero(found)))
+        if np.count_nonzero(found) >= WHOLE * self._most:
             self._whole.set(found, where)
             return found, where
         x0, y0, x1, y1 = window_of(found, int(0.5 * np.sqrt(self._most))) if found.any() else (0, 0, *found.shape[::-1])
@@ -195,7 +196,7 @@ class MaskFollower:
         sure = seen[1] & (seen[0] > SURELY) & (self._other.colors.odds(cut(frame, wide)) > 0.0)
         sure = cv2.morphologyEx(sure.astype(np.uint8), cv2.MORPH_OPEN, np.ones((THICK, THICK), np.uint8)) > 0
         again = hanging_on(sure, placed(found, where, wide) | sure & self._whole.over(wide))
-        return (self._silhouette(frame, again, wide), wide) if again.sum() > found.sum() else (found, where)
+        return (self._silhouette(frame, again, wide), wide) if np.count_nonzero(again) > np.count_nonzero(found) else (found, where)
 
     def _against_plate(self, frame: np.ndarray, around: Window) -> tuple[np.ndarray, np.ndarray] | None:
         """What `against_plate` says in a window; None where no background is known, or in a window without area."""
@@ -206,8 +207,8 @@ class MaskFollower:
     def _remember(
         self, frame: np.ndarray, gray: np.ndarray, shift: np.ndarray, carried: np.ndarray, found: np.ndarray, where: Window
     ) -> None:
-        area = float(found.sum())
-        self.hidden = area < max(LOST * carried.sum(), min(LEAST_PIXELS, 0.5 * carried.sum()))
+        area = float(np.count_nonzero(found))
+        self.hidden = area < max(LOST * np.count_nonzero(carried), min(LEAST_PIXELS, 0.5 * np.count_nonzero(carried)))
         self._missed, self._gray = self._missed + 1 if self.hidden else 0, gray
         self._steps += 1
         if self.hidden:

@@ -48,6 +48,11 @@ class Flow:
         inverse = np.array([[1.0 / self.scale[0], 0.0, low[0]], [0.0, 1.0 / self.scale[1], low[1]]])
         return cv2.warpAffine(self.motion, inverse, size, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP, borderMode=cv2.BORDER_REPLICATE)
 
+    def of(self, part: np.ndarray, window: Window) -> np.ndarray:
+        """Motion (N, 2) float32 [px] of the pixels of `part` (h, w) bool in `window`, row by row."""
+        # Both components as one number: NumPy picks those ten times as quickly as pairs.
+        return self.over(window).view(np.complex64)[..., 0][part].view(np.float32).reshape(-1, 2)
+
 
 def window_of(mask: np.ndarray, margin: int) -> Window:
     """The bounding box of `mask` (H, W) bool, `margin` pixels wider on each side."""

@@ -73,7 +73,7 @@ def cut_again(frame: np.ndarray, mask: np.ndarray, progress: Progress) -> np.nda
 
     What was carried here is only about right. So GrabCut begins with it, and what lies deeper or farther away than it may be off is sure.
     """
-    band = band_of(float(mask.sum()))
+    band = band_of(float(np.count_nonzero(mask)))
     window = within(window_of(mask, int(band) + BESIDE), frame)
     shape = cut(mask, window)
     depth, distance = _depths(shape)
@@ -103,11 +103,11 @@ def halved(frame: np.ndarray, mask: np.ndarray) -> np.ndarray:
     shape, smooth = cut(mask, window).copy(), cv2.GaussianBlur(cut(frame, window), (0, 0), 0.7)
     depth, distance = _depths(shape)
     inner = depth > min(MIXED, 0.5 * float(depth.max()))
-    rim = shape & ~inner
+    rim = np.flatnonzero(shape & ~inner)
     (own, inside), (beside, outside) = (_averaged(smooth, side, rim) for side in (inner, distance > MIXED))
     apart = own - beside
-    less = np.sum((smooth[rim] - beside - 0.5 * apart) * apart, axis=1) <= 0.5 * GRAIN**2
-    shape[rim] = ~(less & inside & outside)
+    less = np.sum((smooth.reshape(-1, 3)[rim] - beside - 0.5 * apart) * apart, axis=1) <= 0.5 * GRAIN**2
+    shape.reshape(-1)[rim] = ~(less & inside & outside)
     left = mask.copy()
     paste(left, tidy(shape), window)
     return left
@@ -115,17 +115,23 @@ def halved(frame: np.ndarray, mask: np.ndarray) -> np.ndarray:
 
 def _averaged(smooth: np.ndarray, side: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The colours (P, 3) float32 of `smooth` (h, w, 3) uint8 on one `side` (h, w) bool, averaged nearby, and whether there are any, (P,)
-    bool: for each pixel `at` (h, w) bool."""
+    bool: for the pixels whose numbers, row by row, are `at` (P,)."""
     size = (2 * NEAR + 1, 2 * NEAR + 1)
-    some = cv2.boxFilter(side.astype(np.uint8), cv2.CV_32F, size, normalize=False)[at]
-    total = cv2.boxFilter(cv2.bitwise_and(smooth, smooth, mask=side.astype(np.uint8)), cv2.CV_32F, size, normalize=False)[at]
+    some = cv2.boxFilter(side.astype(np.uint8), cv2.CV_32F, size, normalize=False).reshape(-1)[at]
+    total = cv2.boxFilter(cv2.bitwise_and(smooth, smooth, mask=side.astype(np.uint8)), cv2.CV_32F, size, normalize=False)
+    total = total.reshape(-1, 3)[at]
     return total / np.maximum(some, 1.0)[:, None], some > 0.5
 
 
 def _depths(shape: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """How deep in `shape` (h, w) bool, which goes on beyond the window, a pixel lies, and how far from it, (h, w) float32 [px] both."""
-    one = cv2.copyMakeBorder(shape.astype(np.uint8), 1, 1, 1, 1, cv2.BORDER_REPLICATE)
-    return cv2.distanceTransform(one, cv2.DIST_L2, 5)[1:-1, 1:-1], cv2.distanceTransform(1 - one, cv2.DIST_L2, 5)[1:-1, 1:-1]
+    one = shape.astype(np.uint8)
+    return _depth(one), _depth(1 - one)
+
+
+def _depth(one: np.ndarray) -> np.ndarray:
+    """(h, w) float32 [px] from where `one` (h, w) uint8, which goes on beyond the window, is 0."""
+    return cv2.distanceTransform(cv2.copyMakeBorder(one, 1, 1, 1, 1, cv2.BORDER_REPLICATE), cv2.DIST_L2, 5)[1:-1, 1:-1]
 
 
 def boxed_in(frame: np.ndarray, mask: np.ndarray, box: np.ndarray, plate: Plate) -> np.ndarray:
@@ -137,13 +143,13 @@ def boxed_in(frame: np.ndarray, mask: np.ndarray, box: np.ndarray, plate: Plate)
         return mask
     window = window_of(mask, 8)
     smooth, shape = cv2.GaussianBlur(cut(frame, window), (0, 0), 1.0), cut(mask, window)
-    labels, stats = _parts(shape & ~core(smooth, shape))
+    labels, area = _parts(shape & ~core(smooth, shape))
     unseen = ~(plate.reliable & (plate.difference(frame) < 3.0 * plate.noise))
     # Nearer to the box, a lens and a codec spread what touches its border.
     beyond = cut(unseen & (cv2.dilate(box.astype(np.uint8), np.ones((5, 5), np.uint8)) == 0), window, cv2.BORDER_CONSTANT)
     border = cv2.dilate(beyond.astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
-    cuts = np.bincount(labels[border], minlength=len(stats)) / 2.0
-    gone = cuts > CUT * np.sqrt(stats[:, cv2.CC_STAT_AREA])
+    cuts = np.bincount(labels[border], minlength=len(area)) / 2.0
+    gone = cuts > CUT * np.sqrt(area)
     gone[0] = False
     return _without(mask, shape, gone[labels], window) if gone.any() else mask
 
@@ -160,10 +166,9 @@ def unshaded(frame: np.ndarray, mask: np.ndarray, plate: Plate) -> np.ndarray:
     smooth, behind = (cv2.GaussianBlur(one, (0, 0), 1.0) for one in (cut(frame, window), cut(plate.color, window)))
     shape = cut(mask, window)
     own = core(smooth, shape)
-    labels, stats = _parts(shape & ~own)
-    area = stats[:, cv2.CC_STAT_AREA]
+    labels, area = _parts(shape & ~own)
     dark = largest(cv2.bitwise_not(cv2.subtract(behind, smooth))) < 255.0 - 0.5 * plate.noise
-    doubtful = (np.bincount(labels[dark], minlength=len(stats)) >= DARKER * area) & (area >= SMALLEST)
+    doubtful = (np.bincount(labels[dark], minlength=len(area)) >= DARKER * area) & (area >= SMALLEST)
     doubtful[0] = False
     if not doubtful.any():
         return mask
@@ -172,9 +177,9 @@ def unshaded(frame: np.ndarray, mask: np.ndarray, plate: Plate) -> np.ndarray:
     steep = slope / np.maximum(contrast, np.float32(4.0 * plate.noise))
     inner, outer = rim_of(own), rim_of(shape)
     usual = max(STEEP[0], float(np.median(steep[inner & outer]))) if (inner & outer).any() else STEEP[1]
-    shade = np.zeros(len(stats), bool)
+    shade = np.zeros(len(area), bool)
     for one in np.flatnonzero(doubtful):
-        x0, y0, wide, high = stats[one, :4]
+        x0, y0, wide, high = cv2.boundingRect((labels == one).astype(np.uint8))
         part = np.s_[max(y0 - 2, 0) : y0 + high + 2, max(x0 - 2, 0) : x0 + wide + 2]
         near = cv2.dilate((labels[part] == one).astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
         begins, ends = near & (inner & ~outer)[part], near & (outer & ~inner)[part]
@@ -185,10 +190,10 @@ def unshaded(frame: np.ndarray, mask: np.ndarray, plate: Plate) -> np.ndarray:
 
 
 def _parts(rest: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Labels (h, w) of the parts of `rest` (h, w) bool that are no slivers, 0 elsewhere, and OpenCV's figures of each label."""
+    """Labels (h, w) of the parts of `rest` (h, w) bool that are no slivers, 0 elsewhere, and the pixels of each label."""
     opened = cv2.morphologyEx(rest.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(opened, connectivity=4)
-    return labels, stats
+    count, labels = cv2.connectedComponents(opened, connectivity=4)
+    return labels, np.bincount(labels.ravel(), minlength=count)
 
 
 def _without(mask: np.ndarray, shape: np.ndarray, gone: np.ndarray, window: Window) -> np.ndarray:
@@ -200,7 +205,7 @@ def _without(mask: np.ndarray, shape: np.ndarray, gone: np.ndarray, window: Wind
 
 def core(smooth: np.ndarray, shape: np.ndarray) -> np.ndarray:
     """The part (h, w) bool of `shape` (h, w) bool within the steepest edges of `smooth` (h, w, 3) uint8 round its deepest places."""
-    depth = cv2.distanceTransform(np.pad(shape, 1, mode="edge").astype(np.uint8), cv2.DIST_L2, 5)[1:-1, 1:-1]
+    depth = _depth(shape.astype(np.uint8))
     marks = np.zeros(shape.shape, np.int32)
     marks[cv2.dilate(shape.astype(np.uint8), np.ones((5, 5), np.uint8)) == 0] = 2
     marks[depth > CORE * depth.max()] = 1

@@ -52,7 +52,7 @@ class Generations:
         self._reseed = reseed
         self._count = 0
         self._late = 0
-        self._apart = APART * float(np.sqrt(mask.sum() / max(len(corners), 1)))
+        self._apart = APART * float(np.sqrt(np.count_nonzero(mask) / max(len(corners), 1)))
         self._begin(frame, mask, corners)
         self._count = 1
 
@@ -63,7 +63,7 @@ class Generations:
             one.rows.append((one.tracker.xy, one.tracker.visible, one.tracker.sigma))
         if self._reseed and mask.any() and self._late < MOST_LATE:
             bare = self._bare(mask)
-            share = float(bare.sum()) / float(mask.sum())
+            share = float(np.count_nonzero(bare)) / float(np.count_nonzero(mask))
             if share > BARE:
                 corners = find_corners(frame, bare, min(max(LEAST_NEW, round(share * MOST)), MOST_LATE - self._late))
                 if len(corners) >= LEAST_NEW:
@@ -102,8 +102,8 @@ class Generations:
         """(H, W) bool: the object where no track is near."""
         covered = np.zeros(mask.shape, np.uint8)
         for one in self._generations:
-            for x, y in one.tracker.xy[one.tracker.visible]:
-                cv2.circle(covered, (round(x), round(y)), max(2, round(self._apart)), 1, -1)
+            for at in np.rint(one.tracker.xy[one.tracker.visible]).astype(int).tolist():
+                cv2.circle(covered, at, max(2, round(self._apart)), 1, -1)
         return mask & (covered == 0)
 
     def tracks(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -62,10 +62,10 @@ def find_corners(frame: np.ndarray, mask: np.ndarray, most: int = MOST) -> np.nd
     The minimum distance is found by bisection so that the corners spread over the whole object.
     """
     gray = cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY)
-    rim = int(np.clip(0.05 * np.sqrt(mask.sum()), 1, 6))
+    rim = int(np.clip(0.05 * np.sqrt(np.count_nonzero(mask)), 1, 6))
     inside = cv2.erode(mask.astype(np.uint8), cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * rim + 1, 2 * rim + 1)), borderValue=0)
     # goodFeaturesToTrack measures quality against the best corner inside the mask; the patch must also have contrast of its own.
-    low, high = 2.0, max(3.0, float(np.sqrt(mask.sum() / most)) * 2.0)
+    low, high = 2.0, max(3.0, float(np.sqrt(np.count_nonzero(mask) / most)) * 2.0)
     best = np.zeros((0, 2))
     for _ in range(8):
         middle = 0.5 * (low + high)
@@ -118,7 +118,7 @@ class _View:
     @staticmethod
     def of(mask: np.ndarray) -> _View:
         """For an object `mask` (H, W) bool."""
-        factor = max(1.0, float(np.sqrt(mask.sum())) / LARGEST)
+        factor = max(1.0, float(np.sqrt(np.count_nonzero(mask))) / LARGEST)
         size = (round(mask.shape[1] / factor), round(mask.shape[0] / factor))
         return _View(size, np.array(mask.shape[::-1]) / size)
 
@@ -158,7 +158,7 @@ class Tracker:
         self._second: Patches = self._patches
         self._second_affine = np.tile(np.eye(2), (count, 1, 1))
         self._second_sigma = np.zeros(count)
-        self._reach = max(30.0, 0.5 * float(np.sqrt(inside.sum())))
+        self._reach = max(30.0, 0.5 * float(np.sqrt(np.count_nonzero(inside))))
         self._affine = np.tile(np.eye(2), (count, 1, 1))
         self._unseen = np.zeros(count, int)
         self._center = middle_of(inside)

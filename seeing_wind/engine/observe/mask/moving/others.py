@@ -80,7 +80,7 @@ class Other(Carried):
             part, (more, behind, own) = self.over(both), (placed(one, where, both) for one in (differs & unlike, background, found))
             self.set((part & ~behind | grown(part) & more & ~enclosed(own)) & ~own, both)
         rest = (differs & ~whole).astype(np.uint8)
-        thick = max(THICK, int(LARGE * np.sqrt(found.sum()))) | 1  # OpenCV moves what it opens by an even number
+        thick = max(THICK, int(LARGE * np.sqrt(np.count_nonzero(found)))) | 1  # OpenCV moves what it opens by an even number
         core = cv2.morphologyEx(rest, cv2.MORPH_OPEN, np.ones((thick, thick), np.uint8)) > 0
         self._beside.set(hanging_on(rest > 0, core), where)
 
@@ -107,14 +107,14 @@ def beyond_box(frame: np.ndarray, mask: np.ndarray, inside: np.ndarray, plate: P
     A box holds all of the object. So what comes out of it and moves outside is something else, and so is what hangs together with that in
     the box and has colours that are commoner there than in the object `mask` (H, W) bool. Nothing for a small object: it has few colours.
     """
-    other, least = np.zeros_like(mask), WIDE * np.sqrt(mask.sum())
-    if mask.sum() < FEW:
+    other, least = np.zeros_like(mask), WIDE * np.sqrt(np.count_nonzero(mask))
+    if np.count_nonzero(mask) < FEW:
         return other
     near, moves = within(window_of(inside, NEARBY), frame), np.zeros_like(mask)
     paste(moves, moving(near) + left(frame, plate, near) > 0.0, near)
     border = inside & (cv2.erode(inside.astype(np.uint8), np.ones((5, 5), np.uint8)) == 0)
     reaching = border & moves & hanging_on(moves & inside, mask)
-    if reaching.sum() < 2.0 * least:
+    if np.count_nonzero(reaching) < 2.0 * least:
         return other
     # Near the end of its window, flow leads out of it.
     x0, y0, x1, y1 = window_of(inside, 0)
