@@ -10,7 +10,7 @@ from .background import Plate
 from .carried import Carried
 from .cutting import LEAST_PIXELS, hanging_on, tidy
 from .evidence import SMALL, Contrast, against_plate, against_shape, cut_out, weighed
-from .motion import Flow, FlowSolver, Window, band_of, body_shift, cut, middle_of, paste, placed, window_of, within
+from .motion import Flow, FlowSolver, Window, band_of, body_shift, cut, median_of, middle_of, paste, placed, window_of, within
 from .moving.others import Other
 from .moving.panned import PannedPlate
 from .rim import cut_back
@@ -145,7 +145,7 @@ class MaskFollower:
         if self.flow is None or np.count_nonzero(self._shape.part) < SMALL:
             return self.velocity if self.hidden else shift
         motion = np.ascontiguousarray(self.flow.of(self._shape.part, self._shape.window).T)
-        return np.array([np.median(one) for one in motion], np.float64)
+        return np.array([median_of(one) for one in motion])
 
     def _carry(self, shift: np.ndarray, margin: int) -> tuple[np.ndarray, Window]:
         """The last silhouette moved by the flow (or the shift), in a window round its new place."""

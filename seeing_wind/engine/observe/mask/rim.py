@@ -13,7 +13,7 @@ import numpy as np
 from ...progress import Progress
 from .background import Plate, largest
 from .cutting import grab_cut, tidy
-from .motion import Window, band_of, cut, paste, window_of, within
+from .motion import Window, band_of, cut, median_of, paste, window_of, within
 
 CORE = 0.3
 """Depth of a silhouette from which it is surely the object, in units of its largest."""
@@ -176,7 +176,7 @@ def unshaded(frame: np.ndarray, mask: np.ndarray, plate: Plate) -> np.ndarray:
     contrast = cv2.dilate(away, np.ones((2 * EDGE + 1, 2 * EDGE + 1), np.uint8))
     steep = slope / np.maximum(contrast, np.float32(4.0 * plate.noise))
     inner, outer = rim_of(own), rim_of(shape)
-    usual = max(STEEP[0], float(np.median(steep[inner & outer]))) if (inner & outer).any() else STEEP[1]
+    usual = max(STEEP[0], median_of(steep[inner & outer])) if (inner & outer).any() else STEEP[1]
     shade = np.zeros(len(area), bool)
     for one in np.flatnonzero(doubtful):
         x0, y0, wide, high = cv2.boundingRect((labels == one).astype(np.uint8))
@@ -184,8 +184,8 @@ def unshaded(frame: np.ndarray, mask: np.ndarray, plate: Plate) -> np.ndarray:
         near = cv2.dilate((labels[part] == one).astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
         begins, ends = near & (inner & ~outer)[part], near & (outer & ~inner)[part]
         if begins.any() and ends.any():
-            weaker = np.median(slope[part][ends]) < WEAKER * np.median(slope[part][begins])
-            shade[one] = weaker and np.median(steep[part][ends]) < SOFTER * usual
+            weaker = median_of(slope[part][ends]) < WEAKER * median_of(slope[part][begins])
+            shade[one] = weaker and median_of(steep[part][ends]) < SOFTER * usual
     return _without(mask, shape, shade[labels], window) if shade.any() else mask
 
 

@@ -21,6 +21,9 @@ ITERATIONS = 10
 CONVERGED = 0.01
 """Pixels of the last update below which no patch needs another iteration."""
 
+MOST_AT_ONCE = np.array([2.0, 2.0, 0.2, 0.2, 0.2, 0.2], np.float32)
+"""Pixels and parts of the shape that an iteration may change: beyond, the linearisation says nothing."""
+
 CORRELATED = 4.0
 """How many neighbouring residual pixels share one error (blur, the codec's blocks): the variance of a position grows by it."""
 
@@ -114,16 +117,14 @@ def align(patches: Patches, image: np.ndarray, xy: np.ndarray, affine: np.ndarra
     for _ in range(ITERATIONS):
         if not len(moving):
             break
-        residual = _values(image, xy[moving], affine[moving], patches.weight[moving]) - patches.values[moving]
-        update = np.matmul(patches.descent[moving], residual[:, :, None])[:, :, 0]
-        # Two pixels and a fifth of shape at once: beyond, the linearisation says nothing.
-        update[:, :2] = np.clip(update[:, :2], -2.0, 2.0)
-        update[:, 2:] = np.clip(update[:, 2:], -0.2, 0.2)
+        these = patches if len(moving) == len(xy) else patches.take(moving)
+        residual = _values(image, xy[moving], affine[moving], these.weight) - these.values
+        update = np.clip(np.matmul(these.descent, residual[:, :, None])[:, :, 0], -MOST_AT_ONCE, MOST_AT_ONCE)
         inverse = np.linalg.inv(np.eye(2) + update[:, 2:].reshape(-1, 2, 2))
         affine[moving] = np.matmul(affine[moving], inverse)
         step = np.matmul(affine[moving], update[:, :2, None])[:, :, 0]
         xy[moving] -= step
-        moving = moving[np.linalg.norm(step, axis=1) > CONVERGED]
+        moving = moving[np.sqrt(step[:, 0] ** 2 + step[:, 1] ** 2) > CONVERGED]
     values = _values(image, xy, affine, patches.weight)
     ncc = (patches.weight * values * patches.values).sum(axis=1)
     residual_variance = (patches.weight * (values - patches.values) ** 2).sum(axis=1)

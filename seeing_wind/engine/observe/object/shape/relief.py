@@ -15,6 +15,7 @@ One frame shows a front only. The back is a guess by rules that a user can check
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy import ndimage
@@ -87,7 +88,11 @@ class Relief:
         return self.camera.unproject(xy, front + across * (back - front))
 
     def pixel_volume(self) -> np.ndarray:
-        """(H, W) volume [m³] of the body behind each pixel, a frustum between front and back; 0 off the mask."""
+        """(H, W) volume [m³] of the body behind each pixel, a frustum between front and back; 0 off the mask. Not to be written to."""
+        return self._volume
+
+    @cached_property
+    def _volume(self) -> np.ndarray:
         volume = (self.back**3 - self.front**3) / (3.0 * self.camera.fx * self.camera.fy)
         return np.where(self.mask, volume, 0.0)
 
@@ -123,12 +128,13 @@ def relief_of(observation: Observation, thickness: float | None = None) -> Relie
         )
     if block is not None:
         block = block if thickness is None else replace(block, depth=thickness)
-        front = _fill(front, mask)
-        return Relief(mask, front, _fill(block.exits(front), mask), camera, kind, block.depth, block)
+        nearest = _nearest(mask)
+        front = front[nearest]
+        return Relief(mask, front, block.exits(front)[nearest], camera, kind, block.depth, block)
     parts = parts_of(mask, observation.pin) if flat and kind != "ball" else None
     if parts is not None:
-        half = _half(parts, metre_per_pixel, thickness)
-        return Relief(mask, _fill(front - half, mask), _fill(front + half, mask), camera, "parts", 2.0 * float(half.max()), parts=parts)
+        half, nearest = _half(parts, metre_per_pixel, thickness), _nearest(mask)
+        return Relief(mask, (front - half)[nearest], (front + half)[nearest], camera, "parts", 2.0 * float(half.max()), parts=parts)
     if kind in ("ball", "post") and flat and thickness is not None and thickness < DISC * 2.0 * radius:
         kind = "plate"
     if kind == "ball":
@@ -147,7 +153,8 @@ def relief_of(observation: Observation, thickness: float | None = None) -> Relie
     else:
         guess = 2.0 * radius if kind == "post" else PLATE_THICKNESS * np.sqrt(area)
         profile = (guess if thickness is None else thickness) * slant(front, camera)
-    front, back = _fill(front, mask), _fill(front + profile, mask)
+    nearest = _nearest(mask)
+    front, back = front[nearest], (front + profile)[nearest]
     even = kind == "plate" or (kind == "post" and not flat)
     return Relief(mask, front, back, camera, kind, float(np.median(profile[mask]) if even else profile[mask].max()))
 
@@ -162,8 +169,9 @@ def sheet_relief(observation: Observation, thickness: float) -> Relief:
     """A thin sheet in frame 0, as thick as that [m]. Raises ObjectError as `relief_of`."""
     mask = clean_mask(observation.masks[0])
     front = _front(observation, mask)[0]
-    back = _fill(front + thickness * slant(front, observation.camera), mask)
-    return Relief(mask, _fill(front, mask), back, observation.camera, "sheet", thickness)
+    nearest = _nearest(mask)
+    back = (front + thickness * slant(front, observation.camera))[nearest]
+    return Relief(mask, front[nearest], back, observation.camera, "sheet", thickness)
 
 
 def _half(parts: Parts, pixel: float, thickness: float | None) -> np.ndarray:
@@ -251,13 +259,13 @@ def _front(observation: Observation, mask: np.ndarray) -> tuple[np.ndarray, bool
             f"The depth map is empty on {100 - 100 * known.sum() / mask.sum():.0f} % of the object.",
             "Give a depth map in metres that covers the object, or --distance.",
         )
-    return _fill(depth, known), bool(np.ptp(depth[known]) <= 1e-6 * depth[known].max())
+    return depth[_nearest(known)], bool(np.ptp(depth[known]) <= 1e-6 * depth[known].max())
 
 
-def _fill(image: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """Unknown pixels take the value of the nearest known one."""
+def _nearest(known: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Row and column (H, W) of the nearest pixel that is `known` (H, W) bool: an image at these is filled where it is not."""
     rows, columns = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
-    return image[rows, columns]
+    return rows, columns
 
 
 def _kind(mask: np.ndarray, rim: np.ndarray, front: np.ndarray, bulge: float | None, camera: Camera) -> str:
