@@ -31,13 +31,21 @@ LIFTED = "lifted.npz"
 """Key points of the first view, (T+1, K, 3) [m], lifted by all views."""
 
 
-def observe_stage(take: Take, clip: str, settings: ObserveSettings, progress: Progress, view: int = 0) -> tuple[Observation, str]:
+def observe_stage(
+    take: Take,
+    clip: str,
+    settings: ObserveSettings,
+    progress: Progress,
+    view: int = 0,
+    watch: Callable[[np.ndarray], None] | None = None,
+) -> tuple[Observation, str]:
     """Stage *observe* -> `observation.npz`. Returns the observation and its stamp.
 
     What is held is marked in it, and nothing that is seen depends on the mark: with another pin, only that is done again.
 
     Args:
         view: which further view of the same object the clip is, from 1; 0 for the one that the take is of. They have stages of their own.
+        watch: is shown the clip's frames, see `observe.clip.frames.read_clip`, if they have to be read.
     """
     from .observe import observe, pinned
     from .recovery.journal import TakeJournal
@@ -56,7 +64,7 @@ def observe_stage(take: Take, clip: str, settings: ObserveSettings, progress: Pr
     if kept is None:
         progress.begin("observe", f"further view {Path(clip).name}" if view else "reading the clip")
         with TakeJournal(take, seen, progress) as journal:
-            return finished(observe(clip, settings, progress, journal)), stamp
+            return finished(observe(clip, settings, progress, journal, watch)), stamp
     observation = pinned(dataclasses.replace(kept, clip=str(clip)), settings.pin)  # it may have been moved since
     return observation if np.array_equal(observation.pin, kept.pin) else finished(observation), stamp
 

@@ -191,7 +191,7 @@ def main() -> None:
     runpy.run_path(str(Path(__file__).with_name("fake_worker.py")), run_name="__main__")
 
 
-KNOWN = ("PYTHONPATH", "PYTHONUTF8", "PYTHONNOUSERSITE", "PYTHONDONTWRITEBYTECODE", "PYTHONSAFEPATH")
+KNOWN = ("PYTHONPATH", "PYTHONUTF8", "PYTHONNOUSERSITE", "PYTHONSAFEPATH")
 
 if __name__ == "__main__":
     main()

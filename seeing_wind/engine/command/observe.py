@@ -22,6 +22,7 @@ from .arguments import observe_settings, settings_of
 from .lock import held
 
 if TYPE_CHECKING:
+    from ..observe.clip.frames import Copies
     from ..observe.clip.stored import Frames
     from ..observe.preview.verdicts import Verdict
 
@@ -43,9 +44,10 @@ def observe(arguments: argparse.Namespace, progress: Progress) -> dict[str, Any]
     with held(Take(arguments.take), arguments.verb, progress) as take, ThreadPoolExecutor(1) as beside, ThreadPoolExecutor(1) as reading:
         # What builds bodies takes most of a second to import, as long as the clip takes to read.
         beside.submit(import_module, "..observe.object.body", __package__)
-        seen, _ = observe_stage(take, arguments.clip, settings, progress)
+        film = _Film()
+        seen, _ = observe_stage(take, arguments.clip, settings, progress, watch=film.add)
         duration = beside.submit(_time, seen, arguments)
-        frames = reading.submit(_film_frames, seen, progress)
+        frames = reading.submit(film.frames, seen, progress)
         proposed = None if seen.pin.any() else propose_held(seen)
         progress.begin("preview", "drawing")
         _draw_film(take, seen, proposed, frames, progress)
@@ -81,15 +83,35 @@ def _time(seen: Observation, arguments: argparse.Namespace) -> list[Verdict]:
     return [Verdict(TIME, 0.0, f"The solve takes about {in_words(work.seconds(speed))} on this machine.")]
 
 
-def _film_frames(seen: Observation, progress: Progress) -> Frames:
-    """The clip (T+1, h, w, 3) uint8 RGB at the film's size."""
-    from ..observe.clip.frames import read_clip
+class _Film:
+    """The clip's frames at the film's size, kept while the clip is read for the observation."""
 
-    scale = min(1.0, FILM_SIDE / max(seen.image.shape[:2]))
+    def __init__(self) -> None:
+        self._copies: Copies | None = None
+
+    def add(self, frame: np.ndarray) -> None:
+        """The next `frame` (H, W, 3) uint8 RGB at the file's own size."""
+        from ..observe.clip.frames import Copies
+
+        if self._copies is None:
+            self._copies = Copies((frame.shape[0], frame.shape[1]), _film_size, ())
+        self._copies.add(frame)
+
+    def frames(self, seen: Observation, progress: Progress) -> Frames:
+        """(T+1, h, w, 3) uint8 RGB; read once more where the take had the observation already."""
+        from ..observe.clip.frames import read_clip
+
+        if self._copies is not None:
+            return self._copies.frames
+        last = seen.first_frame + seen.frames
+        return read_clip(seen.clip, (seen.first_frame, last), seen.fps, progress, resized=_film_size, keep=()).frames
+
+
+def _film_size(height: int, width: int) -> tuple[int, int]:
+    """Height and width [px] of the film of a clip."""
+    scale = min(1.0, FILM_SIDE / max(height, width))
     # Codecs want even sides.
-    height, width = (2 * max(round(0.5 * scale * side - 0.25), 1) for side in seen.image.shape[:2])
-    last = seen.first_frame + seen.frames
-    return read_clip(seen.clip, (seen.first_frame, last), seen.fps, progress, resized=lambda *_: (height, width)).frames
+    return 2 * max(round(0.5 * scale * height - 0.25), 1), 2 * max(round(0.5 * scale * width - 0.25), 1)
 
 
 def _draw_first(take: Take, seen: Observation, proposed: np.ndarray | None, verdicts: list[Verdict]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -32,27 +33,41 @@ HUGE = 50.0
 """Metres: an object longer than this is more often one whose distance is in millimetres."""
 
 
-def observe(clip: str | Path, settings: ObserveSettings, progress: Progress, journal: Journal = Journal()) -> Observation:
+def observe(
+    clip: str | Path,
+    settings: ObserveSettings,
+    progress: Progress,
+    journal: Journal = Journal(),
+    watch: Callable[[np.ndarray], None] | None = None,
+) -> Observation:
     """What is seen in `clip` (a video, a folder of images, or a pattern), with pixels those of the file.
 
     Args:
         journal: keeps what was followed so far, for one clip and its settings without the pin.
+        watch: is shown the frames as they are read, see `read_clip`.
 
     Raises:
         ClipError, ObjectError, UsageError: as the parts say (`read_clip`, `first_mask`, `find_camera`, `object_depth`, `read_tracks`).
     """
     with one_thread(), ThreadPoolExecutor(1) as beside:
-        return _observe(clip, settings, progress, journal, beside)
+        return _observe(clip, settings, progress, journal, beside, watch)
 
 
-def _observe(path: str | Path, settings: ObserveSettings, progress: Progress, journal: Journal, beside: Executor) -> Observation:
+def _observe(
+    path: str | Path,
+    settings: ObserveSettings,
+    progress: Progress,
+    journal: Journal,
+    beside: Executor,
+    watch: Callable[[np.ndarray], None] | None,
+) -> Observation:
     check_networks(settings)
     progress.update(0.0, "reading the clip")
 
     def resized(height: int, width: int) -> tuple[int, int]:
         return WorkingSize(height, width, working_scale(settings, height, width)).work
 
-    clip = read_clip(path, settings.frames, settings.fps, progress, resized=resized)
+    clip = read_clip(path, settings.frames, settings.fps, progress, resized=resized, watch=watch)
     check_frames(clip.frames, clip.first_frame, progress)
     if clip.frames.shape[1:3] == clip.size:
         return _seen(clip, settings, progress, journal, beside)

@@ -21,7 +21,8 @@ KEY_VARIABLE = "SEEING_WIND_MATERIAL_KEY"
 def environment(key: str = "") -> dict[str, str]:
     """This process's environment without Blender's Python settings, which would break another Python. `key` is for one that asks."""
     kept = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
-    # Bytecode stays out of the extension's folder, which Blender owns and may not be writable.
     if key:
         kept[KEY_VARIABLE] = key
-    return kept | {"PYTHONPATH": str(ROOT), "PYTHONUTF8": "1", "PYTHONNOUSERSITE": "1", "PYTHONDONTWRITEBYTECODE": "1"}
+    # Compiled modules are kept beside the engine's files, as Blender keeps those of the panel: they take a second of every start else.
+    # Where the folder is not writable, Python goes without.
+    return kept | {"PYTHONPATH": str(ROOT), "PYTHONUTF8": "1", "PYTHONNOUSERSITE": "1"}

@@ -64,6 +64,7 @@ def read_clip(
     *,
     resized: Callable[[int, int], tuple[int, int]] | None = None,
     keep: Collection[int] = (0,),
+    watch: Callable[[np.ndarray], None] | None = None,
 ) -> Clip:
     """Decode frames A..B (inclusive, indices in the file; None takes all) of `path`, in one pass and with one frame in memory.
 
@@ -74,6 +75,7 @@ def read_clip(
         fps: frames per second; None takes the file's, or the mean over the chosen frames where the file's rate varies.
         resized: the height and width [px] to reduce the frames to, from the file's; None leaves them as they are.
         keep: frames (0 is frame A) that are wanted at the file's own size, too.
+        watch: is shown each frame (H, W, 3) uint8 RGB, upright, at the file's own size.
 
     Raises:
         ClipError: nothing there, not a video, an empty range, fewer than two frames, or no room on disk for the decoded ones.
@@ -85,7 +87,7 @@ def read_clip(
     source, file_fps = _open(str(path))
     if is_sequence(str(path)):
         _tell_gaps(files_of(str(path), frames), progress)
-    copies: _Copies | None = None
+    copies: Copies | None = None
     combing = Combing()
     times: list[float] = []
     count = 0
@@ -97,7 +99,7 @@ def read_clip(
         if index < first:
             continue
         if copies is None:
-            copies = _Copies((frame.shape[0], frame.shape[1]), resized, keep)
+            copies = Copies((frame.shape[0], frame.shape[1]), resized, keep)
         elif frame.shape[:2] != copies.file:
             raise ClipError(
                 f"Frame {index} of {path} is {_size(frame.shape)}, the first one {_size(copies.file)}.",
@@ -105,6 +107,8 @@ def read_clip(
             )
         upright = cv2.cvtColor(frame, cv2.COLOR_BGR2RGB)
         copies.add(upright)
+        if watch is not None:
+            watch(upright)
         combing.add(upright)
         times.append(time)
     _check_count(str(path), len(times), count, first, last)
@@ -116,7 +120,7 @@ def read_clip(
     )
 
 
-class _Copies:
+class Copies:
     """What is stored of the frames as they are decoded."""
 
     def __init__(self, file: tuple[int, int], resized: Callable[[int, int], tuple[int, int]] | None, keep: Collection[int]) -> None:

@@ -185,12 +185,13 @@ def against_plate(
     away, light = plate.compared(frame, window)
     known = cut(plate.reliable, window, cv2.BORDER_CONSTANT)
     odds = contrast.odds(away, light, plate.noise)
-    odds = np.where(away < DIFFERS * plate.noise, np.maximum(odds, least), odds)
+    if least > -SURE:
+        odds = np.where(away < DIFFERS * plate.noise, np.maximum(odds, least), odds)
     depth = cv2.distanceTransform((odds > 0.0).astype(np.uint8), cv2.DIST_L2, 3)
     reach = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * int(RIM) + 1, 2 * int(RIM) + 1))
     inside = cv2.dilate(away, reach)
     half = np.clip((away - 0.5 * inside) / plate.noise, -SURE, SURE)
-    return np.where(depth <= RIM, np.minimum(odds, half), odds).astype(np.float32), known
+    return np.where(depth <= RIM, np.minimum(odds, half), odds).astype(np.float32, copy=False), known
 
 
 def against_shape(shape: np.ndarray, band: float) -> np.ndarray:
