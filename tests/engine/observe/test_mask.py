@@ -8,13 +8,15 @@ import cv2
 import numpy as np
 import pytest
 from scenes import HEIGHT, WIDTH, Scene, moving_body, noise, painted_scene, write_video
+from scipy import ndimage
 
 from seeing_wind.engine.command.arguments import parser
 from seeing_wind.engine.errors import ObjectError, UsageError
 from seeing_wind.engine.observe import observe
 from seeing_wind.engine.observe.mask.background import median_plate, seen_first
-from seeing_wind.engine.observe.mask.cutting import enclosed
+from seeing_wind.engine.observe.mask.cutting import HOLE, SPECK, enclosed, tidy
 from seeing_wind.engine.observe.mask.first_mask import mask_from_points, read_mask
+from seeing_wind.engine.observe.mask.motion import median_of
 from seeing_wind.engine.progress import NoProgress, Progress
 from seeing_wind.engine.records import Observation
 from seeing_wind.engine.settings import ObserveSettings
@@ -221,3 +223,39 @@ def test_a_body_may_hide_what_it_encloses_and_a_stem_with_leaves_may_not() -> No
     flower[5:115, 59:62] = flower[5:20, 45:76] = flower[80:84, 10:110] = True
     assert np.array_equal(enclosed(flower), flower)
     assert not enclosed(np.zeros((4, 4), bool)).any()
+
+
+def tidied(mask: np.ndarray, near: np.ndarray | None) -> np.ndarray:
+    """As `tidy`, by the figures that SciPy has of each part."""
+    labels, count = ndimage.label(mask, np.ones((3, 3)))
+    parts = [labels == one for one in range(1, count + 1)]
+    areas = np.array([part.sum() for part in parts])
+    keep = areas >= 0.1 * areas.max()
+    if near is not None:
+        touching = np.array([(part & near).sum() for part in parts])
+        keep = touching > 0.25 * areas if (touching > 0.25 * areas).any() else touching > 0
+        if count > 1:
+            keep &= areas >= SPECK * max(areas[keep], default=0)
+    whole = np.any([part for part, kept in zip(parts, keep) if kept] or [np.zeros_like(mask)], axis=0)
+    holes, count = ndimage.label(~whole)
+    small = [holes == one for one in range(1, count + 1) if (holes == one).sum() < HOLE * whole.sum()]
+    return np.any([whole, *small], axis=0)
+
+
+@pytest.mark.parametrize("sigma", [1.0, 2.5, 6.0])
+def test_specks_and_small_holes_go(sigma: float) -> None:
+    rng = np.random.default_rng(3)
+    for _ in range(20):
+        mask = cv2.GaussianBlur(rng.normal(size=(60, 50)), (0, 0), sigma) > rng.normal(0.0, 0.1) / sigma
+        near = np.zeros_like(mask)
+        near[20:40, 10:30] = True
+        assert np.array_equal(tidy(mask), tidied(mask, None))
+        assert np.array_equal(tidy(mask, near), tidied(mask, near))
+    ring = cv2.circle(cv2.circle(np.zeros((60, 60), np.uint8), (30, 30), 20, 1, -1), (30, 30), 3, 0, -1) > 0
+    assert not ring[30, 30] and tidy(ring)[30, 30]
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 8, 501, 502])
+def test_median(count: int) -> None:
+    values = np.random.default_rng(count).normal(size=count).astype(np.float32)
+    assert median_of(values) == float(np.median(values))

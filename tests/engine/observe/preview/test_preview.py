@@ -14,6 +14,7 @@ from scenes import Scene
 
 from seeing_wind.engine.command.arguments import parser
 from seeing_wind.engine.command.observe import observe
+from seeing_wind.engine.observe.clip import frames
 from seeing_wind.engine.observe.preview.drawing import Canvas
 from seeing_wind.engine.observe.preview.held import propose_held
 from seeing_wind.engine.observe.preview.verdicts import Verdict, doubt_remarks, judge
@@ -188,6 +189,22 @@ def test_the_verb_leaves_image_film_and_verdicts(disc: Scene, shown: tuple[Path,
     assert green.sum() > 50 and (green & (rim > 0)).sum() > 0.9 * green.sum()
     film = cv2.VideoCapture(str(take / "preview.mp4"))
     assert film.get(cv2.CAP_PROP_FRAME_COUNT) == len(disc.frames)
+
+
+def test_the_clip_is_decoded_once_and_again_only_where_the_take_has_the_observation(
+    disc: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened: list[str] = []
+    decode = frames._open
+    monkeypatch.setattr(frames, "_open", lambda path: (opened.append(path), decode(path))[1])
+    box = [str(value) for value in np.add(disc.box, (-5, -5, 5, 5))]
+    words = parser().parse_args(["observe", str(disc.path), "--take", str(tmp_path / "a.take"), "--box", *box, "--frames", "2:9"])
+    films = []
+    for times in (1, 2):
+        observe(words, NoProgress())
+        assert len(opened) == times
+        films.append((tmp_path / "a.take" / "preview.mp4").read_bytes())
+    assert films[0] == films[1]
 
 
 def test_the_film_shows_the_outline_at_its_own_size(disc: Scene, disc_seen: Observation) -> None:
