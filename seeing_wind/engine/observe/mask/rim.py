@@ -144,7 +144,10 @@ def boxed_in(frame: np.ndarray, mask: np.ndarray, box: np.ndarray, plate: Plate)
     window = window_of(mask, 8)
     smooth, shape = cv2.GaussianBlur(cut(frame, window), (0, 0), 1.0), cut(mask, window)
     labels, area = _parts(shape & ~core(smooth, shape))
-    unseen = ~(plate.reliable & (plate.difference(frame) < 3.0 * plate.noise))
+    # Wider than the window by more than the blur that averages grain out looks.
+    near, unseen = within(window_of(mask, 2 * 8), frame), np.zeros_like(mask)
+    behind = Plate(cut(plate.color, near), cut(plate.reliable, near), plate.noise)
+    paste(unseen, ~(behind.reliable & (behind.difference(cut(frame, near)) < 3.0 * plate.noise)), near)
     # Nearer to the box, a lens and a codec spread what touches its border.
     beyond = cut(unseen & (cv2.dilate(box.astype(np.uint8), np.ones((5, 5), np.uint8)) == 0), window, cv2.BORDER_CONSTANT)
     border = cv2.dilate(beyond.astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
