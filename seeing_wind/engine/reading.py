@@ -219,6 +219,7 @@ SHAPES: dict[str, dict[str, str]] = {
         "gaussians.attachment.index": "G J", "gaussians.attachment.weight": "G J", "surface.vertices": "V 3", "surface.triangles": "M 3",
         "surface.uv": "V 2", "surface.attachment.index": "V I", "surface.attachment.weight": "V I", "keypoints.index": "K L",
         "keypoints.weight": "K L", "lifted": "P K 3", "path": "P N 3", "path_sigma": "P N",
+        "measured.x": "P N 3", "measured.modes": "N R", "measured.covariance": "P R 3 R 3",
     },
     "Recovery": {
         "force_density": "T N 3", "deviation": "T N 3", "x": "P N 3", "F": "P N 3 3", "v0": "N 3", "residual": "P", "stiffness": "N",
@@ -228,7 +229,8 @@ SHAPES: dict[str, dict[str, str]] = {
 """Shapes of the arrays in the records of a take: a letter is the same number wherever it stands in a record."""
 
 FINITE = {
-    "Body": ("particles.x", "particles.volume", "surface.vertices", "path", "path_sigma"),
+    "Body": ("particles.x", "particles.volume", "surface.vertices", "path", "path_sigma", "measured.x", "measured.modes",
+             "measured.covariance"),
     "Recovery": ("force_density", "x", "F", "v0", "section", "section_axes", "held_covariance"),
 }
 """Arrays that hold no NaN and no infinity in any sound take."""

@@ -247,6 +247,22 @@ class Surface:
 
 
 @dataclass(frozen=True)
+class Measured:
+    """Where each frame by itself, hardly tied to its neighbours, puts the V vertices of a sheet, and how far that may be off.
+
+    Errors are displacements `modes` c with a Gaussian c in each frame, apart from the other frames': vertices share most of their error,
+    as a whole sheet seems nearer or farther.
+    """
+
+    x: np.ndarray
+    """(T+1, V, 3) [m]."""
+    modes: np.ndarray
+    """(V, R), smooth over the sheet, orthonormal over its areas [1/m]."""
+    covariance: np.ndarray
+    """(T+1, R, 3, R, 3) of c, which has three components for each mode [m⁴]; 0 in frame 0, where the sheet is defined."""
+
+
+@dataclass(frozen=True)
 class Body:
     """The object as physics sees it (stage *build*)."""
 
@@ -267,6 +283,8 @@ class Body:
     """(T+1, V, 3) where the vertices of a sheet were seen [m]; None for a solid."""
     path_sigma: np.ndarray | None = None
     """(T+1, V) standard deviation of a coordinate of `path` [m]."""
+    measured: Measured | None = None
+    """What the frames say of a sheet, of which `path` makes a smooth motion; None for a solid."""
 
 
 @dataclass(frozen=True)

@@ -111,22 +111,25 @@ def lift_stage(
     from .observe.object.sheet import follow_views
     from .recovery.journal import TakeJournal
 
-    names = ("lifted",) if body.path is None else ("lifted", "path", "path_sigma")
+    changed = ("lifted",) if body.path is None else ("lifted", "path", "path_sigma", "measured")
 
-    def read() -> dict[str, np.ndarray]:
+    def changed_of(body: Body) -> dict[str, np.ndarray]:
+        return {name: array for name, array in to_arrays(body).items() if name.split(".")[0] in changed}
+
+    def read() -> Body:
         arrays = take.read_arrays(LIFTED)
-        if any(name not in arrays or arrays[name].shape != getattr(body, name).shape for name in names):
+        if any(name not in arrays or arrays[name].shape != array.shape for name, array in changed_of(body).items()):
             raise TakeError(f"{take.file(LIFTED)} does not fit the body.", "It is made again.")
-        return {name: arrays[name] for name in names}
+        return from_arrays(Body, to_arrays(body) | arrays)
 
     stamp = stamp_of("lift", VERSION, upstream)
     kept = take.kept("lift", stamp, read, progress, "build")
     if kept is not None:
-        return dataclasses.replace(body, lifted=kept["lifted"], path=kept.get("path"), path_sigma=kept.get("path_sigma"))
+        return kept
     progress.begin("build", "lifting the views together")
     with TakeJournal(take, stamp, progress) as journal:
         together = (lifted_together if body.path is None else follow_views)(observation, body, targets, progress, journal)
-        take.write_arrays(LIFTED, {name: getattr(together, name) for name in names})
+        take.write_arrays(LIFTED, changed_of(together))
         take.finish("lift", stamp, {})
     return together
 

@@ -188,7 +188,8 @@ def main():
     options = parser.parse_args()
     options.folder.mkdir(parents=True, exist_ok=True)
     with np.load(options.truth, allow_pickle=False) as data:
-        x, faces, fixed = data["x"][: options.frames].astype(float), data["faces"], data["fixed"].astype(bool)
+        moves, faces, fixed = data["x"][: options.frames + 1].astype(float), data["faces"], data["fixed"].astype(bool)
+    x = moves[: options.frames]
     pose = camera_for(x, options.side)
     depth, held = depth_and_held(x, faces, pose, fixed)
     np.save(options.folder / "depth.npy", depth)
@@ -201,7 +202,7 @@ def main():
     camera = {"width": WIDTH, "height": HEIGHT, "fx": focal, "fy": focal, "cx": (WIDTH - 1) / 2, "cy": (HEIGHT - 1) / 2}
     (options.folder / "camera.json").write_text(json.dumps(camera | {"camera_to_world": pose.tolist()}))
     shutil.copy(options.truth, options.folder / "truth.npz")
-    scene(x, faces, pose)
+    scene(moves, faces, pose)  # one frame more: the last one's blur goes on into it
     made_by, render = bpy.context.scene, bpy.context.scene.render
     render.engine, made_by.cycles.samples, made_by.cycles.use_denoising = "CYCLES", SAMPLES, False
     made_by.cycles.max_bounces, made_by.cycles.use_animated_seed = 1, True

@@ -225,7 +225,8 @@ def _sheet(
 
     assert body.sheet is not None and body.path is not None
     check_sheet(settings)
-    seen = SheetSeen(body.path, body.surface.triangles, body.particles.pinned, body.sheet, fps, body.path_sigma, targets)
+    held, faces = body.particles.pinned, body.surface.triangles
+    seen = SheetSeen(body.path, faces, held, body.sheet, fps, body.path_sigma, body.measured, targets)
     found = sheet_stage(take, seen, upstream, settings, blown, progress)
     return found.recovery, found.field, found.wind, found.seconds
 

@@ -16,6 +16,7 @@ from seeing_wind.engine.field import distillation
 from seeing_wind.engine.look.report.accuracy import field_errors
 from seeing_wind.engine.mpm.shell import shell_of
 from seeing_wind.engine.progress import Journal, NoProgress
+from seeing_wind.engine.records import Measured
 from seeing_wind.engine.recovery.prior.basis import hats, spatial_basis
 from seeing_wind.engine.recovery.wind.sheet import stage
 from seeing_wind.engine.recovery.wind.sheet.air import Air, Push
@@ -88,6 +89,20 @@ def test_noise_of_the_points_is_that_of_their_second_differences(file):
     found = (covariance(noise) - covariance(np.zeros_like(noise))).reshape(count, data, count, data)
     differences = np.diff(np.eye(count + 2), 2, axis=0)
     np.testing.assert_allclose(found, np.einsum("kt,mt,tde->kdme", differences, differences, noise), atol=1e-9 * np.abs(found).max())
+
+
+def test_errors_that_vertices_share_push_the_whole_sheet(file):
+    """A sheet that seems 1 mm too far along one axis: in each virtual displacement, what its whole mass weighs there."""
+    follower = followed(file)
+    shell, frames = follower.shell, len(follower.seen.x)
+    shift = np.zeros((frames, 1, 3, 1, 3))
+    shift[3, 0, 1, 0, 1] = 1e-6
+    seen = replace(follower.seen, measured=Measured(follower.seen.x, np.ones((len(shell.mass), 1)), shift))
+    balance = balance_of(shell, seen, follower.gravity)
+    pushed = np.zeros((balance.tests.shape[1], 3))
+    pushed[:, 1] = 1e-3 * shell.mass @ balance.tests * FPS**2
+    np.testing.assert_allclose(balance.noise[3], np.outer(pushed, pushed), atol=1e-12 * (pushed**2).max())
+    assert not balance.noise[[0, 1, 2, 4]].any()
 
 
 def test_forces_of_a_stress_are_the_derivative_of_its_work(file):
@@ -190,10 +205,10 @@ def test_the_verbs_from_outside(file, tmp_path, monkeypatch):
     assert len(np.load(take / "trajectory.npz")["x"]) == FRAMES + 1
 
 
-def found_wind(cause, doubt):
-    """4 m/s along x, as little known as that; more probable than a force of its own."""
-    velocity = np.broadcast_to([4.0, 0.0, 0.0], (3, 5, 3))
-    deviation, nothing = np.full(velocity.shape, doubt * 4.0 / np.sqrt(3.0)), np.zeros(velocity.shape)
+def found_wind(cause, doubt, speed=4.0):
+    """So many m/s along x, as little known as that; more probable than a force of its own."""
+    velocity = np.broadcast_to([speed, 0.0, 0.0], (3, 5, 3))
+    deviation, nothing = np.full(velocity.shape, doubt * speed / np.sqrt(3.0)), np.zeros(velocity.shape)
     evidence = 9.0 if cause == "wind" else 1.0
     return SheetEstimate(cause, velocity, deviation, velocity[0, 0], nothing, nothing, nothing, 0.1, evidence, 5, True, 0.05)
 
@@ -206,7 +221,7 @@ def test_a_wind_that_a_sheet_does_not_tell_is_none(file, monkeypatch, doubt):
     monkeypatch.setattr(stage, "field_of", lambda follower, *_, **__: found_wind(kinds[type(follower.cause)], doubt))
 
     def choose(field):
-        return stage.choose(follower.shell, follower.seen, True, GRAVITY, field, NoProgress(), Journal())[1]
+        return stage.choose(follower.shell, follower.seen, GRAVITY, field, NoProgress(), Journal())[1]
 
     if doubt > stage.UNTOLD:
         with pytest.raises(ObjectError, match="does not tell the wind: 90 %"):
@@ -218,3 +233,11 @@ def test_a_wind_that_a_sheet_does_not_tell_is_none(file, monkeypatch, doubt):
         told = choose(field)
         assert told["field"] == "wind" and told["doubt"] == pytest.approx(doubt)
         assert any("doubtful: 30 %" in note for note in told["notes"]) == (doubt > stage.DOUBTFUL)
+
+
+def test_a_sheet_may_tell_that_the_air_is_calm(file, monkeypatch):
+    """0.3 m/s give or take 0.27: nobody feels more."""
+    follower = followed(file)
+    monkeypatch.setattr(stage, "field_of", lambda *_, **__: found_wind("wind", 0.9, 0.3))
+    told = stage.choose(follower.shell, follower.seen, GRAVITY, "wind", NoProgress(), Journal())[1]
+    assert told["field"] == "wind" and any("doubtful: 90 % of its speed, 0.3 m/s" in note for note in told["notes"])

@@ -14,7 +14,7 @@ from ....progress import Journal, NoProgress, Progress
 from ....records import Attachment, Body, Gaussians, Observation, Particles, Surface, TrackTargets
 from ..motion.lifting import Sight
 from ..shape.relief import Relief, sheet_relief
-from .follow import follow
+from .follow import Followed, follow
 from .mesh import SheetMesh, flatten_mesh, mesh_of
 from .riding import ride_flat
 
@@ -30,12 +30,8 @@ class SheetBuilt:
     sheet: Sheet
     name: str
     """Of the material."""
-    path: np.ndarray
-    """(T+1, V, 3) where the vertices were seen [m]."""
-    sigma: np.ndarray
-    """(T+1, V) standard deviation of a coordinate of the path [m]."""
-    places: np.ndarray
-    """(K, 2) of the tracks on the sheet laid flat [m], NaN for those off it."""
+    seen: Followed
+    """Where it went, with the tracks on it."""
     relief: Relief
     """Front of the object in frame 0, for `look.dress`."""
 
@@ -50,11 +46,13 @@ class SheetBuilt:
         height, width = self.relief.mask.shape
         uv = np.stack([(self.mesh.xy[:, 0] + 0.5) / width, 1.0 - (self.mesh.xy[:, 1] + 0.5) / height], axis=1)
         surface = Surface(self.mesh.x, self.mesh.faces.astype(np.int32), np.clip(uv, 0.0, 1.0), own)
-        placed = np.isfinite(self.places[:, 0])
-        keypoints = ride_flat(np.where(placed[:, None], self.places, self.mesh.flat[0]), self.mesh.flat)
-        lifted = np.where(placed[:, None], keypoints.follow(self.path), np.nan)
+        places, seen = self.seen.places[0], self.seen
+        placed = np.isfinite(places[:, 0])
+        keypoints = ride_flat(np.where(placed[:, None], places, self.mesh.flat[0]), self.mesh.flat)
+        lifted = np.where(placed[:, None], keypoints.follow(seen.path), np.nan)
         solid = self.sheet.as_solid(self.name)
-        return Body(self.particles, solid, gaussians, surface, keypoints, lifted, sheet=self.sheet, path=self.path, path_sigma=self.sigma)
+        body = Body(self.particles, solid, gaussians, surface, keypoints, lifted, sheet=self.sheet)
+        return replace(body, path=seen.path, path_sigma=seen.sigma, measured=seen.measured)
 
 
 def build_sheet(
@@ -79,12 +77,10 @@ def build_sheet(
         )
     mesh = mesh_of(relief, observation.pin, count)
     progress.update(0.05, f"a sheet of {len(mesh.x)} vertices, {1e3 * mesh.spacing:.1f} mm apart")
-    path, sigma, (places,) = follow(
-        mesh, [sight_of(observation)], observation.fps, observation.masks, progress.part(0.05, 1.0), journal
-    )
-    placed = int(np.isfinite(places[:, 0]).sum())
-    progress.update(1.0, f"{placed} tracks on the sheet, which tell where it is to {in_units(np.median(sigma), 'm', 2)}")
-    return SheetBuilt(mesh, sheet, name, path, sigma, places, relief)
+    seen = follow(mesh, [sight_of(observation)], observation.fps, observation.masks, progress.part(0.05, 1.0), journal)
+    placed = int(np.isfinite(seen.places[0][:, 0]).sum())
+    progress.update(1.0, f"{placed} tracks on the sheet, which tell where it is to {in_units(np.median(seen.sigma), 'm', 2)}")
+    return SheetBuilt(mesh, sheet, name, seen, relief)
 
 
 def sight_of(observation: Observation) -> Sight:
@@ -104,5 +100,6 @@ def follow_views(
     x, faces = body.surface.vertices, body.surface.triangles.astype(np.int64)
     mesh = SheetMesh(x, faces, observation.camera.project(x)[0], flatten_mesh(x, faces), body.particles.pinned)
     sights = [sight_of(observation), *(Sight(one.camera, one.xy, one.visible, one.sigma) for one in targets[1:])]
-    path, sigma, _ = follow(mesh, sights, observation.fps, observation.masks, progress, journal)
-    return replace(body, path=path, path_sigma=sigma, lifted=np.where(np.isfinite(body.lifted), body.keypoints.follow(path), np.nan))
+    seen = follow(mesh, sights, observation.fps, observation.masks, progress, journal)
+    lifted = np.where(np.isfinite(body.lifted), body.keypoints.follow(seen.path), np.nan)
+    return replace(body, path=seen.path, path_sigma=seen.sigma, measured=seen.measured, lifted=lifted)

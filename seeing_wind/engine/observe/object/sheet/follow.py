@@ -12,10 +12,12 @@ the sheet is seen exactly from the front, whether it bends towards the camera or
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import eigh
 from scipy.sparse import csr_matrix, identity
 from scipy.sparse.linalg import splu
 
@@ -23,9 +25,10 @@ from ....conventions import frame_named
 from ....errors import ObjectError
 from ....masks import Masks
 from ....progress import Journal, NoProgress, Progress
+from ....records import Measured
 from ..motion.lifting import Sight
 from .mesh import SheetMesh
-from .template import Template
+from .template import CURVED, LEAST_CURVED, Template
 from .view import OUTLIER, View
 
 HELD = 1e-3
@@ -49,6 +52,23 @@ FEWEST = 8
 """Tracks on the sheet in frame 0."""
 PROBES = 24
 """Random vectors for the result's uncertainty."""
+LEARNT, CURVATURE = 8, 0.2
+"""Solves of a frame at its first time, at most, while the curvature that they find changes by more than this part."""
+MODES = 30
+"""R at most, of the errors in which vertices share: twice as many as the balance of forces looks at."""
+
+
+@dataclass(frozen=True)
+class Followed:
+    """A sheet's path, and how well it is known."""
+
+    path: np.ndarray
+    """(T+1, V, 3) of the vertices [m]."""
+    sigma: np.ndarray
+    """(T+1, V) standard deviation of a coordinate [m]."""
+    measured: Measured
+    places: list[np.ndarray]
+    """Per view, those (K, 2) of its tracks on the sheet laid flat [m], NaN for tracks off the sheet."""
 
 
 @dataclass(frozen=True)
@@ -72,13 +92,26 @@ class Follower:
     def __init__(self, mesh: SheetMesh, views: Sequence[View], fps: float) -> None:
         self.mesh, self.views, self.fps = mesh, views, fps
         self.template = Template(mesh)
+        self.curved = np.full(len(views[0].sight.xy), CURVED)
+        """(T+1,) standard deviation of the curvature in each frame, times the sheet's size."""
         held = np.repeat(np.where(mesh.pinned, 1.0 / (HELD * mesh.spacing) ** 2, 0.0), 3)
         self._held, self._identity = csr_matrix((held, (np.arange(held.size),) * 2)), identity(held.size, format="csr")
 
     def ahead(self, path: np.ndarray) -> _Continued:
         """From the frames (t, V, 3) before."""
         straight = path[-1] if len(path) == 1 else 2.0 * path[-1] - path[-2]
-        return self._continued(straight, (self.fps**2 / SWIFT) ** 2)
+        return self._continued(len(path), straight, (self.fps**2 / SWIFT) ** 2)
+
+    def begun(self, frame: int, path: np.ndarray) -> np.ndarray:
+        """Vertices (V, 3) [m] of a frame from those of all before, as curved as it turns out to be."""
+        self.curved[frame] = self.curved[frame - 1]
+        x = self.ahead(path).x
+        for _ in range(LEARNT):
+            motion = self.ahead(path)
+            x = self.solved(frame, x, motion)
+            if abs(math.log(self.learn_curvature(frame, x, motion))) < CURVATURE:
+                break
+        return x
 
     def between(self, path: np.ndarray, frame: int, acceleration: float) -> _Continued:
         """From the frames round a frame of the path (T+1, V, 3), whose second differences make so much in each direction [m/s²]."""
@@ -90,11 +123,11 @@ class Follower:
             own = -2.0 if middle == frame else 1.0
             others = path[middle - 1] - 2.0 * path[middle] + path[middle + 1] - own * path[frame]
             total, weight = total - own * others, weight + own**2
-        return self._continued(total / weight, weight * (self.fps**2 / acceleration) ** 2)
+        return self._continued(frame, total / weight, weight * (self.fps**2 / acceleration) ** 2)
 
-    def _continued(self, x: np.ndarray, precision: float) -> _Continued:
+    def _continued(self, frame: int, x: np.ndarray, precision: float) -> _Continued:
         """Near x, and bent as there but for as much as it may be bent at all: what no camera sees keeps its shape."""
-        return _Continued(x, precision * self._identity + self.template.bending)
+        return _Continued(x, precision * self._identity + self.template.bends / self.curved[frame] ** 2)
 
     def solved(self, frame: int, start: np.ndarray, motion: _Continued) -> np.ndarray:
         """Vertices (V, 3) of a frame [m] from a start."""
@@ -117,6 +150,21 @@ class Follower:
                 break
         return x
 
+    def learn_curvature(self, frame: int, x: np.ndarray, motion: _Continued) -> float:
+        """Take the sheet to be as curved in a frame as its solution x (V, 3) [m] is, with what is not known of it, and return by what
+        factor that differs from before.
+
+        What noise alone would bend a sheet by makes it seem shorter, and so nearer to the camera. A step of expectation maximisation: the
+        mean square of the bends is that of the solution and, by random signs, of its uncertainty.
+        """
+        bends, before = self.template.bends, self.curved[frame]
+        hessian = self._linearised(frame, x, motion, self._outlier(frame, x))[0]
+        signs = np.random.default_rng(frame).choice([-1.0, 1.0], (x.size, PROBES))
+        unknown = float(((bends @ signs) * _solve(hessian, signs)).sum()) / PROBES
+        square = (float(x.ravel() @ (bends @ x.ravel())) + unknown) / len(self.template.hinges)
+        self.curved[frame] = min(CURVED, max(LEAST_CURVED, math.sqrt(square)))
+        return float(self.curved[frame] / before)
+
     def deviation(self, path: np.ndarray, frame: int, acceleration: float) -> np.ndarray:
         """Posterior standard deviation (V,) of the vertices' coordinates [m] in a frame of a path (T+1, V, 3) [m].
 
@@ -130,9 +178,28 @@ class Follower:
         around = np.bincount(faces.ravel(), np.repeat(variance[faces].sum(axis=1), 3)) / (3.0 * np.bincount(faces.ravel()))
         return np.sqrt(np.maximum(around, 0.0))
 
+    def measured(self, path: np.ndarray) -> Measured:
+        """What the frames of a path (T+1, V, 3) [m] say by themselves: each solved for once more, hardly tied to its neighbours.
+
+        A motion that is taken to be smooth is wrong where a frame tells little, such as how far away a sheet is that is seen from its
+        edge. Neighbours share such an error, and as an acceleration it is taken for a gust.
+        """
+        areas = self.mesh.areas()
+        count = min(MODES, len(areas))
+        modes = eigh(self.template.bends[::3, ::3].toarray(), np.diag(areas), subset_by_index=(0, count - 1))[1]
+        onto = np.kron(areas[:, None] * modes, np.eye(3))
+        x, covariance = path.copy(), np.zeros((len(path), *(count, 3) * 2))
+        for frame in range(1, len(path)):
+            loose = self.between(path, frame, SWIFT)
+            hessian, gradient = self._linearised(frame, path[frame], loose, self._outlier(frame, path[frame]))
+            solved = _solve(hessian, np.column_stack([onto, -gradient]))
+            x[frame] += solved[:, -1].reshape(-1, 3)
+            covariance[frame] = (onto.T @ solved[:, :-1]).reshape(covariance.shape[1:])
+        return Measured(x, modes, covariance)
+
     def _cost(self, frame: int, x: np.ndarray, motion: _Continued, scale: float) -> float:
         held = 0.5 * float(((x - self.mesh.x).ravel() ** 2 * self._held.diagonal()).sum())
-        return sum(view.cost(frame, x, scale) for view in self.views) + self.template.cost(x) + motion.cost(x) + held
+        return sum(view.cost(frame, x, scale) for view in self.views) + self.template.cost(x, self.curved[frame]) + motion.cost(x) + held
 
     def _outlier(self, frame: int, x: np.ndarray) -> float:
         """Standard deviations from which a track is an outlier."""
@@ -146,7 +213,7 @@ class Follower:
 
     def _linearised(self, frame: int, x: np.ndarray, motion: _Continued, scale: float) -> tuple[csr_matrix, np.ndarray]:
         """Hessian (3V, 3V), Gauss-Newton's, and gradient (3V,) of the cost."""
-        hessian, gradient = self.template.linearise(x)
+        hessian, gradient = self.template.linearise(x, self.curved[frame])
         hessian, gradient = hessian + self._held, gradient + self._held @ (x - self.mesh.x).ravel()
         for view in self.views:
             own, slope = view.linearise(frame, x, scale)
@@ -161,16 +228,12 @@ def follow(
     masks: Masks | None = None,
     progress: Progress = NoProgress(),
     journal: Journal = Journal(),
-) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
+) -> Followed:
     """The path of a sheet whose frame 0 is that of its mesh, as one or several cameras saw it in at least three frames.
 
     Args:
         masks: the sheet in the first view's frames, if known.
         journal: keeps the frames that are done.
-
-    Returns:
-        vertices (T+1, V, 3) [m]; the standard deviations (T+1, V) of their coordinates [m]; per view the places (K, 2) of its tracks
-        on the sheet laid flat [m], NaN for those off the sheet.
 
     Raises:
         ObjectError: too few tracks on the sheet, or one that is lost. Cancelled: between frames.
@@ -184,31 +247,33 @@ def follow(
     loop = journal.loop("sheet")
     done, kept = loop.resume()
     if done:
-        path, acceleration = kept["path"], float(kept["acceleration"])
+        path, acceleration, follower.curved = kept["path"], float(kept["acceleration"]), kept["curved"]
         for number, view in enumerate(views):
             view.put(kept[f"places {number}"])
 
     def state() -> dict[str, np.ndarray]:
         places = {f"places {number}": view.places for number, view in enumerate(views)}
-        return {"path": path, "acceleration": np.array(acceleration), **places}
+        learnt = {"acceleration": np.array(acceleration), "curved": follower.curved}
+        return {"path": path, **learnt, **places}
 
     steps = [(sweep, t) for sweep in range(SWEEPS + 1) for t in range(1, frames)]
     for number, (sweep, t) in enumerate(steps[done:], start=done + 1):
         progress.update(number / len(steps), f"following the sheet, frame {t}" if sweep == 0 else f"frame {t} between its neighbours")
         if sweep == 0:
-            motion = follower.ahead(path[:t])
-            path[t] = follower.solved(t, motion.x, motion)
+            path[t] = follower.begun(t, path[:t])
             for view in views:
                 view.place(t, path[t])
         else:
             if t == 1:
                 acceleration = max(SLOWEST, _acceleration(path, fps))
-            path[t] = follower.solved(t, path[t], follower.between(path, t, acceleration))
+            motion = follower.between(path, t, acceleration)
+            path[t] = follower.solved(t, path[t], motion)
+            follower.learn_curvature(t, path[t], motion)
         if not np.isfinite(path[t]).all():
             raise ObjectError(f"The sheet is lost in {frame_named(t)}.", "Check mask and depth of frame 0, or use --form solid.")
         loop.reached(number, state)
     deviation = [follower.deviation(path, t, acceleration) for t in range(1, frames)]
-    return path, np.stack([deviation[0], *deviation]), [view.places for view in views]
+    return Followed(path, np.stack([deviation[0], *deviation]), follower.measured(path), [view.places for view in views])
 
 
 def _require_tracks(views: Sequence[View]) -> None:

@@ -15,8 +15,9 @@ from .mesh import SheetMesh, edges_of
 
 STRAIN = 0.003
 """Standard deviation of an edge's strain: threads hardly stretch. Along the bias cloth gives way by more."""
-CURVED = 15.0
-"""Standard deviation of the curvature, times the sheet's size (the root of its area): a handful of folds across it."""
+CURVED, LEAST_CURVED = 15.0, 0.3
+"""Standard deviation of the curvature, times the sheet's size (the root of its area): a handful of folds across it, taken before any is
+seen, and the least that a sheet is taken to have, as none is a plane."""
 
 
 class Template:
@@ -24,24 +25,25 @@ class Template:
 
     def __init__(self, mesh: SheetMesh) -> None:
         self.rest, self.faces = mesh.x, mesh.faces
-        self.edges = edges_of(mesh.faces)
+        self.edges, self.hinges = edges_of(mesh.faces), hinges_of(mesh.faces)
         self._lengths = np.linalg.norm(self.rest[self.edges[:, 0]] - self.rest[self.edges[:, 1]], axis=1)
         self._size = float(np.sqrt(mesh.areas().sum()))
         columns = (3 * self.edges[:, :, None] + np.arange(3)).reshape(len(self.edges), 6)
         self._where = (np.repeat(columns, 6, axis=1).ravel(), np.tile(columns, 6).ravel())
 
-    def cost(self, x: np.ndarray) -> float:
-        """Half the sum of squares at vertices x (V, 3) [m]."""
-        return 0.5 * float((self._strains(x)[0] ** 2).sum() + x.ravel() @ (self.bending @ x.ravel()))
+    def cost(self, x: np.ndarray, curved: float) -> float:
+        """Half the sum of squares at vertices x (V, 3) [m]; curved: standard deviation of the curvature, times the size."""
+        return 0.5 * float((self._strains(x)[0] ** 2).sum() + x.ravel() @ (self.bends @ x.ravel()) / curved**2)
 
-    def linearise(self, x: np.ndarray) -> tuple[csr_matrix, np.ndarray]:
-        """Hessian (3V, 3V), Gauss-Newton's, and gradient (3V,) at vertices x (V, 3) [m]."""
+    def linearise(self, x: np.ndarray, curved: float) -> tuple[csr_matrix, np.ndarray]:
+        """Hessian (3V, 3V), Gauss-Newton's, and gradient (3V,) at vertices x (V, 3) [m]; curved as in `cost`."""
         strain, slope = self._strains(x)
         blocks = slope[:, :, None] * slope[:, None, :]
         gradient = np.zeros(x.size)
         np.add.at(gradient, self._where[0].reshape(-1, 6, 6)[:, :, 0].ravel(), (strain[:, None] * slope).ravel())
         stretch = coo_matrix((blocks.ravel(), self._where), (x.size, x.size)).tocsr()
-        return stretch + self.bending, gradient + self.bending @ x.ravel()
+        bending = self.bends / curved**2
+        return stretch + bending, gradient + bending @ x.ravel()
 
     def _strains(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(E,) in standard deviations, and (E, 6) how they change with an edge's two ends."""
@@ -51,18 +53,18 @@ class Template:
         return (length / self._lengths - 1.0) / STRAIN, np.hstack([slope, -slope])
 
     @cached_property
-    def bending(self) -> csr_matrix:
-        """(3V, 3V): x times it times x is the sum of squared angles between faces, relative to what the curvature allows."""
-        hinges = hinges_of(self.faces)
-        a, b, c, d = self.rest[hinges].swapaxes(0, 1)
+    def bends(self) -> csr_matrix:
+        """(3V, 3V): x times it times x is the sum of squared angles between faces, relative to those of a curvature of 1 over the size."""
+        a, b, c, d = self.rest[self.hinges].swapaxes(0, 1)
         side = b - a
         one, two = _cotangent(side, c - a), _cotangent(side, d - a)
         three, four = _cotangent(-side, c - b), _cotangent(-side, d - b)
         length = np.linalg.norm(side, axis=1)
         area = 0.5 * (np.linalg.norm(np.cross(side, c - a), axis=1) + np.linalg.norm(np.cross(side, d - a), axis=1))
-        allowed = CURVED / self._size * (2.0 / 3.0) * area / length  # of an angle: the curvature times the way between the faces' centres
+        allowed = (2.0 / 3.0) * area / (length * self._size)  # of an angle: the curvature times the way between the faces' centres
         weight = np.stack([three + four, one + two, -one - three, -two - four], axis=1) / (length * allowed)[:, None]
-        bends = csr_matrix((weight.ravel(), (np.repeat(np.arange(len(hinges)), 4), hinges.ravel())), (len(hinges), len(self.rest)))
+        rows = np.repeat(np.arange(len(self.hinges)), 4)
+        bends = csr_matrix((weight.ravel(), (rows, self.hinges.ravel())), (len(self.hinges), len(self.rest)))
         return kron(bends.T @ bends, np.eye(3), format="csr")
 
 

@@ -78,7 +78,7 @@ class Balance:
     bent: np.ndarray
     """(3 Q, 3 Q) that of what is wrong with `bending` in some faces and not in others, which lasts."""
     noise: np.ndarray
-    """(T+1, 3 Q, 3 Q) that of the points' noise in each frame, times mass and fps²: the balance has its second difference."""
+    """(T+1, 3 Q, 3 Q) that of errors in the places of each frame, times mass and fps²: the balance has their second difference."""
 
 
 def balance_of(shell: Shell, seen: Observed, gravity: np.ndarray) -> Balance:
@@ -88,7 +88,8 @@ def balance_of(shell: Shell, seen: Observed, gravity: np.ndarray) -> Balance:
     acceleration = np.diff(seen.x, 2, axis=0) * seen.fps**2 - gravity
     bent = np.array([[tests.T @ _bending(shell, *one) for one in zip(*frame, strict=True)] for frame in zip(at.x, at.v, strict=True)])
     bending = at.over_hats(bent)
-    inertia = np.einsum("vq,v,kvi->kqi", tests, shell.mass, acceleration)
+    places = seen.x if seen.measured is None else seen.measured.x
+    inertia = np.einsum("vq,v,kvi->kqi", tests, shell.mass, np.diff(places, 2, axis=0) * seen.fps**2 - gravity)
     free = shell.mass * ~shell.pinned
     size = float(np.sqrt(np.average((acceleration**2).sum(axis=2).mean(axis=0), weights=free)))
     tension = Tension.of(shell, tests, size)
@@ -97,7 +98,6 @@ def balance_of(shell: Shell, seen: Observed, gravity: np.ndarray) -> Balance:
     off = np.hypot(seen.noise, SLACK * shell.surface.edge_length) * np.hypot(1.0, shell.sheet.retardation * seen.fps)
     vertices = tests.T @ (shell.mass[:, None] ** 2 * tests)
     count = len(bending)
-    shares = np.broadcast_to(seen.deviation**2, seen.x.shape[:2]) * (shell.mass * seen.fps**2) ** 2
     return Balance(
         tests,
         at,
@@ -105,8 +105,18 @@ def balance_of(shell: Shell, seen: Observed, gravity: np.ndarray) -> Balance:
         bending=bending.reshape(count, -1),
         hidden=hidden + white + _in_each_direction(off**2 * squared[:, None] * vertices * squared),
         bent=_in_each_direction(_wrong_moments(shell, seen, tests)),
-        noise=np.stack([_in_each_direction(tests.T @ (share[:, None] * tests)) for share in shares]),
+        noise=_noise(shell, seen, tests),
     )
+
+
+def _noise(shell: Shell, seen: Observed, tests: np.ndarray) -> np.ndarray:
+    """(T+1, 3 Q, 3 Q), see `Balance`: of vertices whose errors have nothing to do with each other's, or as a camera measured them."""
+    weighted = shell.mass[:, None] * tests * seen.fps**2
+    if seen.measured is None:
+        variances = np.broadcast_to(seen.deviation**2, seen.x.shape[:2])
+        return np.stack([_in_each_direction(weighted.T @ (variance[:, None] * weighted)) for variance in variances])
+    onto = np.kron(weighted.T @ seen.measured.modes, np.eye(3))
+    return onto @ seen.measured.covariance.reshape(len(seen.x), len(onto.T), -1) @ onto.T
 
 
 def _in_each_direction(covariance: np.ndarray) -> np.ndarray:

@@ -38,6 +38,8 @@ if that is more probable."""
 MOST_KNOTS = 60
 LAWS = (0.01, 0.02, 0.05, 0.1, 0.2)
 """Errors of the law, of which the most probable is taken. No two engines' cloth agrees more closely than the first."""
+NOISES = (1.0, 2.0, 4.0, 8.0, 16.0)
+"""How many times as large as a camera says its errors are taken for: where folds hide parts, it errs in what it does not see."""
 BREEZE = 2.5
 """Standard deviation of a component of the mean wind before anything is seen [m/s], which makes a gentle breeze, Beaufort 3. A sheet that
 turns little hardly tells a wind across it from a stronger one at a slant, and of these the weaker is more likely."""
@@ -77,6 +79,11 @@ class SheetEstimate:
     """Error of the cause's law, as a part of its force."""
 
     @property
+    def uncertain(self) -> float:
+        """Deviation of the field, in its units: median over vertices and frames."""
+        return float(np.median(np.linalg.norm(self.deviation, axis=-1)))
+
+    @property
     def doubt(self) -> float:
         """Deviation of the field, relative to its size: median over vertices and frames."""
         size = np.linalg.norm(self.velocity, axis=-1)
@@ -92,15 +99,11 @@ def follower_of(shell: Shell, seen: Observed, gravity: Sequence[float], cause: C
     return Follower(shell, seen, np.asarray(gravity, np.float64), cause)
 
 
-def field_of(
-    follower: Follower, mean: float, progress: Progress = NoProgress(), journal: Journal = Journal(), *, learns: bool = True
-) -> SheetEstimate:
+def field_of(follower: Follower, mean: float, progress: Progress = NoProgress(), journal: Journal = Journal()) -> SheetEstimate:
     """The most probable field of the follower's cause.
 
     Args:
         mean: standard deviation of a component of the field's mean before anything is seen.
-        learns: whether the gusts' size, length and time are learnt. Not where folds hide parts of the sheet: what is wrong with their
-            path is no noise, and would be put down to short gusts.
         journal: keeps what is found on the way.
 
     Raises:
@@ -117,7 +120,7 @@ def field_of(
     def run(name: str, theta: np.ndarray, part: Progress) -> _Run:
         gust = max(GUST * float(np.linalg.norm(theta[-3:])), 0.05 * mean)
         prior = Prior(Kernel(gust**2 * np.eye(3)), places_of(basis, follower.seen.x, spacing), np.full(3, mean))
-        return _run(problem, prior, theta, follower.seen.x if learns else None, journal, name, part)
+        return _run(problem, prior, theta, follower.seen, journal, name, part)
 
     runs = [run("", theta, progress.part(0.2, 0.5))]
     if not runs[0].posterior.known:
@@ -139,18 +142,29 @@ class _Run:
     evidence: float
     iterations: int
 
+    def in_every_frame(self) -> _Run:
+        """The same with a knot in each frame."""
+        before = self.problem.hats
+        return replace(self, problem=replace(self.problem, hats=np.eye(len(before))), posterior=self.posterior.between_knots(before))
+
 
 def _run(
-    problem: SheetProblem, prior: Prior, theta: np.ndarray, path: np.ndarray | None, journal: Journal, name: str, progress: Progress
+    problem: SheetProblem, prior: Prior, theta: np.ndarray, seen: Observed, journal: Journal, name: str, progress: Progress
 ) -> _Run:
-    """From unknowns theta (n,) on; path (T+1, V, 3) [m] of a sheet of which more than its field is learnt."""
+    """From unknowns theta (n,) on.
+
+    Of a sheet that a camera saw, the gusts' size, length and time are not learnt: folds hide parts of it, and what is wrong with their path
+    is no noise, and would be put down to short gusts.
+    """
     used, solution = 0, None
     for number in range(ROUNDS):
         part = progress.part(*((number + side) / ROUNDS for side in (0, 1)))
         if solution is not None:
-            problem = problem.with_law(problem.law, theta)
-            if path is not None:
-                problem, prior, theta = _learn(problem, prior, theta, path)
+            problem = problem.with_errors(theta)
+            if seen.measured is None:
+                problem, prior, theta = _learn(problem, prior, theta, seen.x)
+            else:
+                problem = _likeliest(problem, prior, theta, "noise", NOISES)
         solution = journal.once(f"round {number}{name}", Solution, partial(_solved, problem, prior, theta, part))
         theta, used = solution.theta, used + solution.iterations
     assert solution is not None
@@ -197,7 +211,7 @@ def _solved(problem: SheetProblem, prior: Prior, theta: np.ndarray, progress: Pr
 
 def _learn(problem: SheetProblem, prior: Prior, theta: np.ndarray, path: np.ndarray) -> tuple[SheetProblem, Prior, np.ndarray]:
     """With the error of the law, then the hyperparameters, then the knots of greatest evidence about theta (n,), and theta for these."""
-    problem = _likeliest(problem, prior, theta)
+    problem = _likeliest(problem, prior, theta, "law", LAWS)
     prior = _with_kernel(problem, prior, theta)
     frames, knots = problem.hats.shape
     if knots == frames or frames > SPACING * MOST_KNOTS:
@@ -213,14 +227,14 @@ def _with_kernel(problem: SheetProblem, prior: Prior, theta: np.ndarray) -> Prio
     return replace(prior, kernel=maximise_evidence(prior, point.normal, pull, None, problem.check))
 
 
-def _likeliest(problem: SheetProblem, prior: Prior, theta: np.ndarray) -> SheetProblem:
-    """Among `LAWS`, uphill from the error of the law that the problem has."""
+def _likeliest(problem: SheetProblem, prior: Prior, theta: np.ndarray, kind: str, several: Sequence[float]) -> SheetProblem:
+    """Among several sizes of an error of the problem, `law` or `noise`, uphill from the one that it has."""
     best, evidence = problem, _log_evidence(problem, prior, theta)
     for ahead in (1, -1):
-        place = LAWS.index(best.law) + ahead
-        while 0 <= place < len(LAWS):
+        place = several.index(getattr(best, kind)) + ahead
+        while 0 <= place < len(several):
             problem.check()
-            trial = problem.with_law(LAWS[place], theta)
+            trial = problem.with_errors(theta, **{kind: several[place]})
             reached = _log_evidence(trial, prior, theta)
             if reached <= evidence:
                 break
@@ -239,6 +253,8 @@ def _knotted(problem: SheetProblem, prior: Prior, theta: np.ndarray, path: np.nd
 
 
 def _told(runs: Sequence[_Run], follower: Follower) -> SheetEstimate:
+    if len({one.problem.hats.shape for one in runs}) > 1:
+        runs = [one.in_every_frame() for one in runs]
     best = max(runs, key=lambda one: one.evidence)
     posterior, problem = mixed([one.posterior for one in runs], [one.evidence for one in runs]), best.problem
     theta = posterior.theta

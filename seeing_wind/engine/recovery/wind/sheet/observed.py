@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from ....records import Measured
 from ...targets.channels import noise_of
 
 FLAT = 0.02
@@ -33,6 +34,8 @@ class Observed:
     fps: float
     deviation: np.ndarray
     """Standard deviation of a coordinate [m], one number or (T+1, V)."""
+    measured: Measured | None = None
+    """What each frame says by itself, where a camera saw the sheet."""
 
     @property
     def noise(self) -> float:
@@ -81,9 +84,17 @@ class Observed:
         return self.spline(time), self.fps * self.spline(time, 1)
 
 
-def observe_sheet(x: np.ndarray, faces: np.ndarray, pinned: np.ndarray, fps: float, sigma: float | np.ndarray | None) -> Observed:
-    """Of points x (T+1, V, 3) [m]; sigma: their noise [m], one number or (T+1, V), None to measure it."""
-    return Observed(np.asarray(x, np.float64), faces, pinned, fps, np.asarray(_noise(x, faces) if sigma is None else sigma, np.float64))
+def observe_sheet(
+    x: np.ndarray,
+    faces: np.ndarray,
+    pinned: np.ndarray,
+    fps: float,
+    sigma: float | np.ndarray | None,
+    measured: Measured | None = None,
+) -> Observed:
+    """Of points x (T+1, V, 3) [m]; sigma: their noise [m], one number or (T+1, V), None to measure it; measured: see `Observed`."""
+    deviation = np.asarray(_noise(x, faces) if sigma is None else sigma, np.float64)
+    return Observed(np.asarray(x, np.float64), faces, pinned, fps, deviation, measured)
 
 
 def _noise(x: np.ndarray, faces: np.ndarray) -> float:

@@ -44,7 +44,9 @@ class SheetProblem:
     factor: np.ndarray
     """(D, D) lower triangle whose square is the covariance of the residuals."""
     law: float = LAW
-    """Error of the cause's law that `factor` has."""
+    """Error of the cause's law that `factor` has, and"""
+    noise: float = 1.0
+    """how many times as large as they are said to be it takes errors in the places for."""
     check: Callable[[], None] = lambda: None
 
     def coefficients(self, theta: np.ndarray) -> np.ndarray:
@@ -84,16 +86,20 @@ class SheetProblem:
         jacobian = np.concatenate([by_knot.reshape(data, -1), by_mean.reshape(data, 3)], axis=1)
         return Linearisation.at(theta, self.residual(theta), self._whitened(jacobian).T)
 
-    def with_law(self, law: float, theta: np.ndarray) -> SheetProblem:
-        """The same with another error of the law, a part of the forces at theta (n,)."""
-        return replace(self, law=law, factor=factor_of(self.balance, self.forces(theta), law))
+    def with_errors(self, theta: np.ndarray, law: float | None = None, noise: float | None = None) -> SheetProblem:
+        """The same with another error of the law, a part of the forces at theta (n,), or of the places."""
+        law, noise = self.law if law is None else law, self.noise if noise is None else noise
+        return replace(self, law=law, noise=noise, factor=factor_of(self.balance, self.forces(theta), law, noise))
 
     def _whitened(self, values: np.ndarray) -> np.ndarray:
         return solve_triangular(self.factor, values, lower=True, check_finite=False)
 
 
-def factor_of(balance: Balance, forces: np.ndarray, law: float = LAW) -> np.ndarray:
+def factor_of(balance: Balance, forces: np.ndarray, law: float = LAW, noise: float = 1.0) -> np.ndarray:
     """The lower triangle (D, D) of the residuals' covariance, where the cause makes the forces (T-1, 3 Q), give or take `law` of them.
+
+    Args:
+        noise: errors in the places are this many times as large as they are said to be.
 
     Raises:
         SimulationError: for a motion that is not finite.
@@ -104,7 +110,8 @@ def factor_of(balance: Balance, forces: np.ndarray, law: float = LAW) -> np.ndar
     off = law**2 * np.maximum(size, LEAST * size.max())
     lasting = ALWAYS + (1.0 - ALWAYS) * np.exp(-lag / LASTS)
     covariance = np.einsum("km,de->kdme", lasting, balance.bent)
-    before, here, after = balance.noise[:-2], balance.noise[1:-1], balance.noise[2:]
+    places = noise**2 * balance.noise
+    before, here, after = places[:-2], places[1:-1], places[2:]
     for apart, values in enumerate((before + 4.0 * here + after, -2.0 * (here + after)[:-1], after[:-2])):
         first = np.arange(max(count - apart, 0))
         for k, m in {(0, apart), (apart, 0)}:

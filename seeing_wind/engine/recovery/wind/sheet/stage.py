@@ -20,7 +20,7 @@ from ....mpm.shell import Shell, shell_of
 from ....mpm.shell.membrane import deformation, plane_axes
 from ....progress import Journal, Progress
 from ....record_arrays import read_recovery, to_arrays
-from ....records import Outcome, Particles, Recovery, TrackTargets
+from ....records import Measured, Outcome, Particles, Recovery, TrackTargets
 from ....settings import RecoverSettings, WindSettings
 from ....take import Take, stamp_of
 from ...diagnostics.remarks import reaction_remarks
@@ -33,10 +33,11 @@ from .estimate import BREEZE, SheetEstimate, field_of, follower_of
 from .following import Follower
 from .observed import Observed, observe_sheet
 
-VERSION = 4
+VERSION = 5
 """Part of the stamp: raise it when the results change."""
-UNTOLD = 0.4
-"""Deviation of a wind, relative to its size, from which the sheet does not tell it; and"""
+UNTOLD, FELT = 0.4, 0.5
+"""Deviation of a wind from which the sheet does not tell it: relative to the wind's size and in m/s, as what falls through calm air tells
+that it is calm; and"""
 DOUBTFUL = 0.2
 """from which a note says how little it does."""
 
@@ -55,6 +56,8 @@ class SheetSeen:
     fps: float
     sigma: float | np.ndarray | None = None
     """Noise of x [m], one number or (T+1, V); None to measure it."""
+    measured: Measured | None = None
+    """What each frame of a clip says by itself."""
     targets: Sequence[TrackTargets] = ()
     """The tracks that x comes from, if it does: then they are what the residual is of [px]."""
 
@@ -86,7 +89,7 @@ def sheet_stage(
         UsageError, ObjectError: a mesh that is no sheet, see `mpm.shell.shell_of`; field "wind" where no wind can have moved it.
         SimulationError: where the sheet cannot be simulated even near where it was seen.
     """
-    seen = observe_sheet(source.x, source.faces, source.fixed, source.fps, source.sigma)
+    seen = observe_sheet(source.x, source.faces, source.fixed, source.fps, source.sigma, source.measured)
     shell = shell_of(seen.rest, source.faces, source.sheet, pinned=source.fixed)
     seen = replace(seen, faces=shell.surface.faces)
     particles = _particles(shell)
@@ -99,7 +102,7 @@ def sheet_stage(
     began = time.perf_counter()
     progress.begin("recover", "recovering the force" if blown.field == "force" else "recovering the wind")
     with TakeJournal(take, stamp, progress) as journal:
-        found, told = choose(shell, seen, not source.targets, settings.gravity, blown.field or "wind", progress, journal)
+        found, told = choose(shell, seen, settings.gravity, blown.field or "wind", progress, journal)
         recovery = _recovery(shell, seen, source.targets, settings.gravity, particles, found, time.perf_counter() - began)
         seconds, began = {"recover": time.perf_counter() - began}, time.perf_counter()
         progress.begin("distill", "fitting the field")
@@ -128,13 +131,13 @@ def _both(recovery: Recovery, found: SheetEstimate, told: dict[str, Any]) -> lis
 
 
 def choose(
-    shell: Shell, seen: Observed, learns: bool, gravity: Sequence[float], field: str, progress: Progress, journal: Journal
+    shell: Shell, seen: Observed, gravity: Sequence[float], field: str, progress: Progress, journal: Journal
 ) -> tuple[SheetEstimate, dict[str, Any]]:
     """The estimate that the setting asks for, and what `wind.json` says of it."""
 
     def estimate(cause: Cause, mean: float, name: str, part: Progress) -> SheetEstimate:
         follower = follower_of(shell, seen, gravity, cause)
-        return journal.once(name, SheetEstimate, lambda: field_of(follower, mean, part, journal, learns=learns))
+        return journal.once(name, SheetEstimate, lambda: field_of(follower, mean, part, journal))
 
     if field == "force":
         return estimate(Push(shell), FORCE_MEAN, "force", progress), {"field": "force", "why": "--field force", "notes": []}
@@ -165,7 +168,7 @@ def _objection(found: SheetEstimate) -> str:
         return f"It would take a wind of {speed:.0f} m/s to push a sheet of this weight so hard: something else moves it."
     if found.unexplained > UNEXPLAINED:
         return f"No wind moves this sheet so: {100 * found.unexplained:.0f} % of what air would have to do stays unexplained."
-    if found.doubt > UNTOLD:
+    if found.doubt > UNTOLD and found.uncertain > FELT:
         return (
             f"This sheet does not tell the wind: {100 * found.doubt:.0f} % of its speed are uncertain. A sheet that turns little is pushed "
             "alike by a wind across it and by stronger ones at a slant."
@@ -177,7 +180,8 @@ def _remarks(found: SheetEstimate, told: dict[str, Any]) -> list[str]:
     """What the notes say of a wind."""
     if found.doubt < DOUBTFUL:
         return [sentence(told)]
-    return [sentence(told), f"The wind is doubtful: {100 * found.doubt:.0f} % of its speed are uncertain, most of it along the sheet."]
+    size = f"{100 * found.doubt:.0f} % of its speed, {found.uncertain:.1f} m/s, are uncertain"
+    return [sentence(told), f"The wind is doubtful: {size}, most of it along the sheet."]
 
 
 def _particles(shell: Shell) -> Particles:

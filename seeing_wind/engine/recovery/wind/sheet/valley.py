@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from ...prior.kernel import Prior
 from ...solve.gauss_newton import solve
@@ -41,6 +42,12 @@ class Posterior:
     """(n, n) their mean square error, all of the valley counted."""
     known: bool
     """Whether there is no valley."""
+
+    def between_knots(self, hats: np.ndarray) -> Posterior:
+        """The same with a knot in each frame, where the knots had hats (T, K)."""
+        modes = (len(self.theta) - 3) // hats.shape[1]
+        onto = block_diag(np.kron(hats, np.eye(modes)), np.eye(3))
+        return Posterior(onto @ self.theta, onto @ self.covariance @ onto.T, self.known)
 
 
 def mixed(several: Sequence[Posterior], evidence: Sequence[float]) -> Posterior:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from seeing_wind.engine.recovery.prior.basis import spatial_basis
+from seeing_wind.engine.recovery.prior.basis import hats, spatial_basis
 from seeing_wind.engine.recovery.solve.gauss_newton import Linearisation
+from seeing_wind.engine.recovery.wind.estimate import deviation_of
 from seeing_wind.engine.recovery.wind.sheet.valley import Posterior, mean_wind, mixed, walked
 
 NORMAL, ALONG = np.array([0.6, 0.0, 0.8]), np.array([[0.8, 0.0, -0.6], [0.0, 1.0, 0.0]])
@@ -87,3 +88,16 @@ def test_of_several_starts_the_most_probable_counts_with_the_others_errors():
     found = mixed(far, [7.0, 7.0 - 1e-9, -60.0])
     np.testing.assert_array_equal(found.theta, [1.0])
     np.testing.assert_allclose(found.covariance, [[0.25 + 0.5 * 16.0]], rtol=1e-6)
+
+
+def test_the_same_posterior_at_a_knot_in_every_frame():
+    """Fields and their deviations stay, so that posteriors with different knots can be mixed."""
+    rng = np.random.default_rng(3)
+    knots, basis = hats(7, 3.0), spatial_basis(rng.normal(size=(20, 3)), np.ones(20), 3)
+    theta, root = rng.normal(size=9 * knots.shape[1] + 3), rng.normal(size=(9 * knots.shape[1] + 3,) * 2)
+    coarse = Posterior(theta, root @ root.T, True)
+    fine = coarse.between_knots(knots)
+    each = np.tensordot(knots, theta[:-3].reshape(knots.shape[1], -1), 1)
+    np.testing.assert_allclose(fine.theta, np.concatenate([each.ravel(), theta[-3:]]), atol=1e-12)
+    told = deviation_of(fine.covariance, np.eye(7), basis)
+    np.testing.assert_allclose(told, deviation_of(coarse.covariance, knots, basis), rtol=1e-9)
