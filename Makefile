@@ -108,7 +108,7 @@ demo: setup
 scenes: setup
 	$(PY) sample_scenes/whole_jobs.py --out build/$(if $(SHORT),short_scenes --quick,scenes) $(if $(VIDEO),--video)
 
-lint: setup
+lint: $(VENV)/.complete
 	$(PY) -m ruff check seeing_wind tests sample_scenes scripts benchmarks docs __init__.py
 	$(PY) -m mypy
 
@@ -122,9 +122,10 @@ test test-engine test-panel quick-recover demo scenes: export TI_OFFLINE_CACHE_F
 # Compiled modules are kept, also where the shell forbids it: four seconds of every process of the tests.
 unexport PYTHONDONTWRITEBYTECODE
 
-# Two lanes side by side, the engine's and the panel's: compiling the kernels takes one core, and so do the last tests of a suite. What the
-# panel's lane has to say comes when it ends. A lock that a killed process left would keep the cache as it is for good.
-test: setup
+# Two lanes side by side, the engine's and the panel's, each with the environment that it needs: making one and compiling the kernels take
+# one core, and so do the last tests of a suite. What the panel's lane has to say comes when it ends. A lock that a killed process left would
+# keep the cache as it is for good.
+test:
 	@rm -f $(KERNELS)/*.lock
 	@$(MAKE) --no-print-directory -j 2 test-engine test-panel
 
