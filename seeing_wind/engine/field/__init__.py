@@ -5,6 +5,7 @@
     confidence.py    how well a value is known       sampling.py       values at points, and export
     storage.py       fields from files               torch_threads.py  torch on one thread
     adam.py          a descent that can go on        trilinear.py     values on a lattice
+    optimisers.py    torch's, which start sooner
 """
 
 from .analytic import ForceFieldAnalytic, GustField, UniformField

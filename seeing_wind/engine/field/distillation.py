@@ -23,6 +23,7 @@ from ..records import Particles, Recovery
 from .adam import adam_state, restore
 from .confidence import confidence_map
 from .force_field import ForceField
+from .optimisers import Adam
 from .representations.kplanes import ForceFieldKPlanes, KPlanes
 from .representations.neural import NeuralModule
 from .representations.planes import Stencil
@@ -180,7 +181,7 @@ def _fit(module: NeuralModule, samples: Samples, iterations: int, pace: float, p
     rows, carry = module.stencil(samples.s, samples.frame)
     groups = module.rates()
     rates = [pace * group["lr"] for group in groups]
-    optimiser = torch.optim.Adam(groups, betas=(0.9, 0.99))
+    optimiser = Adam(groups, betas=(0.9, 0.99))
     schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, rates, total_steps=iterations, pct_start=0.1)
     # Half of them in proportion to the squared force: a blow is a few frames of many.
     power = samples.force.double().square().sum(dim=1)

@@ -10,6 +10,7 @@ import numpy as np
 import torch
 from scipy.spatial.transform import Rotation
 
+from ..field.optimisers import Adam
 from ..field.torch_threads import one_torch_thread
 from ..observe.object import Built, SheetBuilt
 from ..observe.object.shape.relief import clean_mask
@@ -77,7 +78,7 @@ def fit(gaussians: Gaussians, views: Sequence[View], progress: Progress, iterati
     scale = torch.log(torch.from_numpy(gaussians.scale).float()).requires_grad_()
     opacity = torch.logit(torch.from_numpy(gaussians.opacity).float(), eps=1e-4).requires_grad_()
     sh = torch.from_numpy(gaussians.sh[:, 0]).float().requires_grad_()
-    optimiser = torch.optim.Adam(
+    optimiser = Adam(
         [
             {"params": [scale], "lr": LEARNING_RATES["scale"]},
             {"params": [opacity], "lr": LEARNING_RATES["opacity"]},

@@ -22,6 +22,7 @@ from ...conventions import in_units
 from ...errors import SimulationError
 from ...field.adam import in_parts
 from ...field.force_field import ForceField
+from ...field.optimisers import LBFGS
 from ...field.representations.neural import ForceFieldNeural, NeuralModule
 from ...field.torch_threads import one_torch_thread
 from ...mpm.autograd import simulate
@@ -149,7 +150,7 @@ class _Run:
     def descend(self, steps: int, progress: Progress) -> tuple[float, float]:
         """Leaves the best parameters in the module. Returns how far the body strayed before and after [m]."""
         parameters = list(self.module.parameters())
-        optimiser = torch.optim.LBFGS(parameters, max_iter=steps, history_size=MEMORY, line_search_fn="strong_wolfe")
+        optimiser = LBFGS(parameters, max_iter=steps, history_size=MEMORY, line_search_fn="strong_wolfe")
         loss, stray = self.backward(progress, "refining the field")
         before = after = stray
         kept = [one.detach().clone() for one in parameters]

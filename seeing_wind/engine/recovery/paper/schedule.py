@@ -21,6 +21,7 @@ from torch.nn.utils import parameters_to_vector
 
 from ...errors import SimulationError
 from ...field.adam import adam_state, in_parts, restore
+from ...field.optimisers import Adam
 from ...field.torch_threads import one_torch_thread
 from ...mpm.autograd import simulate
 from ...mpm.model import Model
@@ -166,7 +167,7 @@ class _Descent:
     def _best(self, t: int, state: State) -> _Frame:
         """The best of frame `t` that descent finds; leaves the field where it ended."""
         parameters = self.field.parameters()
-        optimiser = torch.optim.Adam(parameters, lr=self.field.rate)
+        optimiser = Adam(parameters, lr=self.field.rate)
         decay = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, self.limit, eta_min=RATE_FLOOR * self.field.rate)
         best: _Frame | None = None
         iteration = steps = 0
@@ -210,7 +211,7 @@ class _Descent:
         return self.loss(x[-1], F[-1]), acceleration.detach().numpy(), end
 
 
-def _so_far(optimiser: torch.optim.Adam, best: _Frame) -> dict[str, np.ndarray]:
+def _so_far(optimiser: Adam, best: _Frame) -> dict[str, np.ndarray]:
     return adam_state(optimiser) | to_arrays(best, "best.")
 
 

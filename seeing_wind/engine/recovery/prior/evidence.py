@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from ...field.optimisers import LBFGS
 from ...field.torch_threads import torch_threads
 from ...mpm.compiler.device import cores
 from ..solve.constants import PACE
@@ -71,7 +72,7 @@ def maximise_evidence(
     root = torch.from_numpy(np.linalg.cholesky(shape))
     parameters = _pack(prior.kernel, root.numpy()).requires_grad_(True)
     begin = parameters.detach().clone()
-    optimiser = torch.optim.LBFGS(
+    optimiser = LBFGS(
         [parameters], max_iter=ITERATIONS, history_size=8, line_search_fn="strong_wolfe", tolerance_change=PACE.evidence_tolerance
     )
 
