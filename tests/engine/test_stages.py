@@ -72,8 +72,8 @@ def test_settings_count_and_frames_outside_the_range_do_not(project: Path) -> No
 
 
 def test_a_job_cancelled_while_the_field_is_fitted_leaves_the_last_field_and_its_motion(tmp_path: Path) -> None:
-    body = plate((4, 4, 3))
-    x, _ = blow(body, lambda X, t: np.zeros_like(X) + [5.0, 0.0, 0.0], 5)
+    body = plate((3, 3, 2))
+    x, _ = blow(body, lambda X, t: np.zeros_like(X) + [5.0, 0.0, 0.0], 4)
     take = Take(tmp_path / "leaf.take")
     take.prepare()
     heavy = replace(RUBBER, density=4.0 * RUBBER.density)
@@ -100,8 +100,8 @@ def test_a_job_cancelled_while_the_field_is_fitted_leaves_the_last_field_and_its
 
 
 def test_a_disk_that_fills_up_while_the_field_is_written_leaves_the_last_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    body = plate((4, 4, 3))
-    x, _ = blow(body, lambda X, t: np.zeros_like(X) + [5.0, 0.0, 0.0], 5)
+    body = plate((3, 3, 2))
+    x, _ = blow(body, lambda X, t: np.zeros_like(X) + [5.0, 0.0, 0.0], 4)
     take = Take(tmp_path / "leaf.take")
     take.prepare()
 
@@ -124,8 +124,8 @@ def test_a_disk_that_fills_up_while_the_field_is_written_leaves_the_last_one(tmp
 
 
 def test_a_take_that_an_older_engine_left_with_two_runs_in_it_is_done_again(tmp_path: Path) -> None:
-    body = plate((4, 4, 3))
-    x, _ = blow(body, lambda X, t: np.zeros_like(X) + [5.0, 0.0, 0.0], 5)
+    body = plate((3, 3, 2))
+    x, _ = blow(body, lambda X, t: np.zeros_like(X) + [5.0, 0.0, 0.0], 4)
     take = Take(tmp_path / "leaf.take")
     take.prepare()
 

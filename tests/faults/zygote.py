@@ -157,6 +157,9 @@ def serve() -> None:
         importlib.import_module(f"seeing_wind.engine.{room}")
     if os.environ.get("SEEING_WIND_FAULTS") != "whole":
         importlib.import_module("seeing_wind.engine.field.distillation").ITERATIONS = HASTE
+        # Nor how fast this machine is, which every recovery would measure, for longer than a short one takes.
+        cost = importlib.import_module("seeing_wind.engine.recovery.cost")
+        cost._measured = lambda plastic: cost.Speed(copy=2e-7, base=2e-6, change=2e-8)
     for codec in CODECS:
         importlib.import_module(f"encodings.{codec}")
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")

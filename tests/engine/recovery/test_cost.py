@@ -17,6 +17,8 @@ from seeing_wind.engine.settings import RecoverSettings
 from seeing_wind.engine.take import Take
 from tests.engine.recovery.bodies import FPS, RUBBER, plate, points
 
+MEASURED = cost._measured
+"""As it is without tests/engine/conftest.py."""
 SPEED = Speed(copy=2e-7, base=2e-6, change=2e-8)
 CLAY = dataclasses.replace(RUBBER, law="von_mises", yield_stress=2e3)
 
@@ -65,6 +67,7 @@ def test_nothing_is_said_of_what_nobody_has_measured() -> None:
 
 
 def test_the_speed_is_measured_by_the_kernels_and_kept_for_this_machine(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cost, "_measured", MEASURED)
     assert known_speed(plastic=False) is None
     measured = measure_speed(plastic=False)
     assert 0.0 < measured.change < measured.copy < measured.base, "a change costs a part of a copy, keeping a run several times as much"
