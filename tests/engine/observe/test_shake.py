@@ -14,6 +14,7 @@ from seeing_wind.engine.observe import observe
 from seeing_wind.engine.observe.clip.camera import find_camera
 from seeing_wind.engine.observe.clip.shake import as_filmed, camera_turns, homography, stabilise, through, without_spikes
 from seeing_wind.engine.progress import Journal, NoProgress, Progress
+from seeing_wind.engine.records import Observation
 from seeing_wind.engine.settings import ObserveSettings
 
 CAMERA, DISTANCE = find_camera(ObserveSettings(distance=1.0), WIDTH, HEIGHT, 13, 0, None, NoProgress())
@@ -61,10 +62,17 @@ def test_turns_are_found(trembling: tuple[Scene, np.ndarray]) -> None:
         assert np.linalg.norm(through(homography(ours, CAMERA), grid) - through(homography(true, CAMERA), grid), axis=1).max() < 0.5
 
 
-def test_object_in_the_world_is_free_of_tremble(trembling: tuple[Scene, np.ndarray]) -> None:
-    scene, turns = trembling
+@pytest.fixture(scope="module")
+def seen_whole(trembling: tuple[Scene, np.ndarray]) -> tuple[Observation, list[dict]]:
+    """What is seen in one go, and what is told meanwhile."""
     told: list[dict] = []
-    seen = observe(scene.path, ObserveSettings(box=scene.box, distance=DISTANCE), Progress(told.append))
+    return observe(trembling[0].path, ObserveSettings(box=trembling[0].box, distance=DISTANCE), Progress(told.append)), told
+
+
+def test_object_in_the_world_is_free_of_tremble(
+    trembling: tuple[Scene, np.ndarray], seen_whole: tuple[Observation, list[dict]]
+) -> None:
+    (scene, turns), (seen, told) = trembling, seen_whole
     assert any("turn" in message["message"] for message in told if message["type"] == "warning")
     assert seen.camera.camera_to_world.shape == (13, 4, 4)
     # In file pixels the tracks tremble with the frame ...
@@ -77,10 +85,12 @@ def test_object_in_the_world_is_free_of_tremble(trembling: tuple[Scene, np.ndarr
     assert np.median(np.linalg.norm(still - body, axis=2)[seen.visible]) < 0.35
 
 
-def test_a_kill_costs_no_frame_of_a_trembling_camera(trembling: tuple[Scene, np.ndarray], tmp_path: Path) -> None:
+def test_a_kill_costs_no_frame_of_a_trembling_camera(
+    trembling: tuple[Scene, np.ndarray], seen_whole: tuple[Observation, list[dict]], tmp_path: Path
+) -> None:
     settings = ObserveSettings(box=trembling[0].box, distance=DISTANCE)
     found, kills, frames = in_pieces(trembling[0].path, settings, tmp_path, 4)
-    assert_same(found, observe(trembling[0].path, settings, NoProgress()))
+    assert_same(found, seen_whole[0])
     assert kills == 5 and frames == 24
 
 

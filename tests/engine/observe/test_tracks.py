@@ -143,7 +143,7 @@ def test_given_tracks_replace_ours(disc: Scene, tmp_path: Path) -> None:
 
 def test_an_object_that_can_hardly_be_in_metres_is_told(disc: Scene) -> None:
     told: list[dict] = []
-    observe(disc.path, ObserveSettings(box=disc.box, distance=1500.0), Progress(told.append))
+    observe(disc.path, ObserveSettings(box=disc.box, distance=1500.0, frames=(0, 2)), Progress(told.append))
     assert any("in metres?" in message["message"] for message in told if message["type"] == "warning")
 
 
@@ -171,7 +171,7 @@ def test_track_files_refused(disc: Scene, tmp_path: Path, case: str) -> None:
     elif case != "none":
         np.savez(path, **values)
     with pytest.raises(UsageError) as caught:
-        observe(disc.path, ObserveSettings(box=disc.box, distance=1.0, tracks=str(path)), NoProgress())
+        observe(disc.path, ObserveSettings(box=disc.box, distance=1.0, tracks=str(path), frames=(8, 12)), NoProgress())
     assert caught.value.hint
 
 
