@@ -281,7 +281,8 @@ def _require_tracks(views: Sequence[View]) -> None:
     if placed < FEWEST:
         raise ObjectError(
             f"Only {placed} tracked points lie on the sheet in frame 0; its shape needs {FEWEST}.",
-            "A sheet needs texture: a print, a weave, seams. Give --tracks of your own, or recover it with --form solid.",
+            "A sheet needs texture: a print, a weave, seams. Begin where it shows its face and not its edge, give --tracks of your own, or "
+            "recover it with --form solid.",
         )
 
 
