@@ -11,7 +11,7 @@ import pytest
 from seeing_wind.engine.command.arguments import parser
 from seeing_wind.engine.command.trajectories.sheets import read_sheet
 from seeing_wind.engine.command.verbs import VERBS
-from seeing_wind.engine.errors import ObjectError
+from seeing_wind.engine.errors import ObjectError, SimulationError
 from seeing_wind.engine.field import distillation
 from seeing_wind.engine.look.report.accuracy import field_errors
 from seeing_wind.engine.mpm.shell import shell_of
@@ -73,6 +73,29 @@ def test_a_sheet_that_falls_freely_feels_its_acceleration_and_nothing_else(file)
     theta = np.zeros(9 * problem.hats.shape[1] + 3)
     theta[-3:] = pushed - GRAVITY
     np.testing.assert_allclose(problem.forces(theta), problem.balance.seen, atol=1e-6 * np.abs(problem.balance.seen).max())
+
+
+def test_what_a_sheet_does_between_frames_is_known_where_it_is_smooth(file):
+    """Two interpolations agree on a parabola; at a jerk in frame 8 they differ, and the forces there count less."""
+    follower = followed(file)
+    time = np.arange(len(follower.seen.x))[:, None, None] / FPS
+    smooth = follower.seen.rest + 0.5 * time**2 * [3.0, -2.0, 1.0]
+    jerk = smooth + np.where(time * FPS > 8, 0.02, 0.0) * (time - 8 / FPS) * FPS
+
+    def unsure(x):
+        problem = problem_of(replace(follower, seen=replace(follower.seen, x=x)))
+        return np.linalg.norm(problem.unsure(np.zeros(problem.unknowns)), axis=1), problem
+
+    known, problem = unsure(smooth)
+    assert known[2:-2].max() < 1e-3 * np.linalg.norm(problem.forces(np.zeros(problem.unknowns)), axis=1).max()
+    told = unsure(jerk)[0]
+    assert abs(int(told.argmax()) - 7) <= 1 and told[2] < 0.01 * told.max()
+
+
+def test_errors_that_are_no_covariance_are_refused(file):
+    balance = problem_of(followed(file)).balance
+    with pytest.raises(SimulationError, match="no covariance"):
+        factor_of(replace(balance, noise=balance.noise - 1e3 * np.eye(balance.noise.shape[1])), balance.seen)
 
 
 def test_noise_of_the_points_is_that_of_their_second_differences(file):

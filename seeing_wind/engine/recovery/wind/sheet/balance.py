@@ -51,11 +51,12 @@ class Moments:
     """(S,) under the one that begins with it."""
 
     @staticmethod
-    def of(seen: Observed) -> Moments:
-        """Of a sheet's path."""
+    def of(seen: Observed, plainly: bool = False) -> Moments:
+        """Of a sheet's path, or `plainly` by the other interpolation."""
         at, weight = np.polynomial.legendre.leggauss(POINTS)
         at, weight = 0.5 * (1.0 + at), 0.5 * weight
-        return Moments(*seen.at(np.arange(seen.frames)[:, None] + at), weight * at, weight * (1.0 - at))
+        path = seen.plainly_at if plainly else seen.at
+        return Moments(*path(np.arange(seen.frames)[:, None] + at), weight * at, weight * (1.0 - at))
 
     def over_hats(self, values: np.ndarray) -> np.ndarray:
         """Means (T-1, ...) under the hats of values (T, S, ...)."""
@@ -69,6 +70,8 @@ class Balance:
     tests: np.ndarray
     """(V, Q) virtual displacements; orthonormal over the mass."""
     at: Moments
+    plainly: Moments
+    """The same moments by another interpolation."""
     seen: np.ndarray
     """(K, 3 Q) what the cause has to make up for: inertia less weight and bending."""
     bending: np.ndarray
@@ -101,6 +104,7 @@ def balance_of(shell: Shell, seen: Observed, gravity: np.ndarray) -> Balance:
     return Balance(
         tests,
         at,
+        Moments.of(seen, plainly=True),
         seen=(inertia - bending).reshape(count, -1),
         bending=bending.reshape(count, -1),
         hidden=hidden + white + _in_each_direction(off**2 * squared[:, None] * vertices * squared),

@@ -36,7 +36,7 @@ SPACING = 2.0
 """Frames between the field's knots; more for clips that would have more than `MOST_KNOTS`. In others there may be a knot in every frame,
 if that is more probable."""
 MOST_KNOTS = 60
-LAWS = (0.01, 0.02, 0.05, 0.1, 0.2)
+LAWS = (0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2)
 """Errors of the law, of which the most probable is taken. No two engines' cloth agrees more closely than the first."""
 NOISES = (1.0, 2.0, 4.0, 8.0, 16.0)
 """How many times as large as a camera says its errors are taken for: where folds hide parts, it errs in what it does not see."""
@@ -115,7 +115,9 @@ def field_of(follower: Follower, mean: float, progress: Progress = NoProgress(),
     spacing = max(SPACING, math.ceil(frames / MOST_KNOTS))
     problem = SheetProblem(balance, follower.cause, basis, hats(frames, spacing), factor_of(balance, balance.seen), check=progress.check)
     progress.update(0.1, "a first wind")
+    problem = problem.before(np.zeros(problem.unknowns))
     theta = journal.array("start", lambda: _start(problem, mean))
+    problem = problem.before(theta)
 
     def run(name: str, theta: np.ndarray, part: Progress) -> _Run:
         gust = max(GUST * float(np.linalg.norm(theta[-3:])), 0.05 * mean)
@@ -183,12 +185,11 @@ def _others(wind: np.ndarray, follower: Follower) -> list[np.ndarray]:
 
 def _start(problem: SheetProblem, mean: float) -> np.ndarray:
     """theta (n,) to begin with: no field, or the most probable steady and uniform wind."""
-    count = 3 * problem.hats.shape[1] * problem.basis.phi.shape[1]
     if isinstance(problem.cause, Push):
-        return np.zeros(count + 3)
+        return np.zeros(problem.unknowns)
 
     def whole(wind: np.ndarray) -> np.ndarray:
-        return np.concatenate([np.zeros(count), wind])
+        return np.concatenate([np.zeros(problem.unknowns - 3), wind])
 
     def missed(wind: np.ndarray) -> np.ndarray:
         return np.concatenate([problem.residual(whole(wind)), wind / mean])

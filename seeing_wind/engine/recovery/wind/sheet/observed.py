@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 from ....records import Measured
 from ...targets.channels import noise_of
@@ -82,6 +82,11 @@ class Observed:
     def at(self, time: float) -> tuple[np.ndarray, np.ndarray]:
         """Places [m] and velocities [m/s] (V, 3) at a time [frames]."""
         return self.spline(time), self.fps * self.spline(time, 1)
+
+    def plainly_at(self, time: float) -> tuple[np.ndarray, np.ndarray]:
+        """The same by another interpolation, Catmull and Rom's: by how much it differs tells how well either is known."""
+        path = CubicHermiteSpline(np.arange(len(self.x)), self.x, np.gradient(self.x, axis=0))
+        return path(time), self.fps * path(time, 1)
 
 
 def observe_sheet(

@@ -19,7 +19,7 @@ from ....errors import SimulationError
 from ...prior.basis import SpatialBasis
 from ...solve.gauss_newton import Linearisation
 from .air import Cause
-from .balance import Balance
+from .balance import Balance, Moments
 
 LAW = 0.05
 """Error of the cause's law to begin with, as a part of the root mean square of its force in each mode."""
@@ -49,6 +49,11 @@ class SheetProblem:
     """how many times as large as they are said to be it takes errors in the places for."""
     check: Callable[[], None] = lambda: None
 
+    @property
+    def unknowns(self) -> int:
+        """n."""
+        return 3 * self.hats.shape[1] * self.basis.phi.shape[1] + 3
+
     def coefficients(self, theta: np.ndarray) -> np.ndarray:
         """theta (n,) -> (T, P, 3), the mean included."""
         per_frame = np.tensordot(self.hats, theta[:-3].reshape(self.hats.shape[1], -1, 3), 1)
@@ -61,9 +66,20 @@ class SheetProblem:
 
     def forces(self, theta: np.ndarray) -> np.ndarray:
         """(T-1, 3 Q) of the cause, under the hats."""
+        return self._forces_at(self.balance.at, theta)
+
+    def unsure(self, theta: np.ndarray) -> np.ndarray:
+        """(T-1, 3 Q) standard deviation of these forces, as it is not known how the sheet moves between frames: how far two
+        interpolations differ. Where a sheet begins to flutter, that is hundreds of times as much as before."""
+        off = self._forces_at(self.balance.plainly, theta) - self.forces(theta)
+        square = (off.reshape(len(off), -1, 3) ** 2).mean(axis=2)
+        around = np.pad(square, ((1, 1), (0, 0)), mode="edge")
+        return np.repeat(np.sqrt(0.25 * around[:-2] + 0.5 * square + 0.25 * around[2:]), 3, axis=1)
+
+    def _forces_at(self, moments: Moments, theta: np.ndarray) -> np.ndarray:
         b = self.balance
-        tested = [self.cause.tested(*one, b.tests) for one in zip(self.fields(theta)[:, None], b.at.x, b.at.v, strict=True)]
-        return b.at.over_hats(np.stack(tested)).reshape(len(b.seen), -1)
+        tested = [self.cause.tested(*one, b.tests) for one in zip(self.fields(theta)[:, None], moments.x, moments.v, strict=True)]
+        return moments.over_hats(np.stack(tested)).reshape(len(b.seen), -1)
 
     def residual(self, theta: np.ndarray) -> np.ndarray:
         """Whitened (D,)."""
@@ -86,23 +102,31 @@ class SheetProblem:
         jacobian = np.concatenate([by_knot.reshape(data, -1), by_mean.reshape(data, 3)], axis=1)
         return Linearisation.at(theta, self.residual(theta), self._whitened(jacobian).T)
 
+    def before(self, theta: np.ndarray) -> SheetProblem:
+        """The same with errors for a first solve from theta (n,): the law's as a part of what the sheet was seen to feel."""
+        return replace(self, factor=factor_of(self.balance, self.balance.seen, self.unsure(theta)))
+
     def with_errors(self, theta: np.ndarray, law: float | None = None, noise: float | None = None) -> SheetProblem:
         """The same with another error of the law, a part of the forces at theta (n,), or of the places."""
         law, noise = self.law if law is None else law, self.noise if noise is None else noise
-        return replace(self, law=law, noise=noise, factor=factor_of(self.balance, self.forces(theta), law, noise))
+        factor = factor_of(self.balance, self.forces(theta), self.unsure(theta), law, noise)
+        return replace(self, law=law, noise=noise, factor=factor)
 
     def _whitened(self, values: np.ndarray) -> np.ndarray:
         return solve_triangular(self.factor, values, lower=True, check_finite=False)
 
 
-def factor_of(balance: Balance, forces: np.ndarray, law: float = LAW, noise: float = 1.0) -> np.ndarray:
+def factor_of(
+    balance: Balance, forces: np.ndarray, unsure: np.ndarray | float = 0.0, law: float = LAW, noise: float = 1.0
+) -> np.ndarray:
     """The lower triangle (D, D) of the residuals' covariance, where the cause makes the forces (T-1, 3 Q), give or take `law` of them.
 
     Args:
+        unsure: standard deviation of the forces (T-1, 3 Q) in each frame apart.
         noise: errors in the places are this many times as large as they are said to be.
 
     Raises:
-        SimulationError: for a motion that is not finite.
+        SimulationError: for a motion that is not finite, or errors that are no covariance.
     """
     count, data = balance.seen.shape
     lag = np.abs(np.subtract.outer(np.arange(count), np.arange(count)))
@@ -119,8 +143,11 @@ def factor_of(balance: Balance, forces: np.ndarray, law: float = LAW, noise: flo
     each = np.arange(data)
     covariance[:, each, :, each] += lasting * off[:, None, None] + STIFFNESS**2 * np.einsum("kd,md->dkm", balance.bending, balance.bending)
     every = np.arange(count)
-    covariance[every, :, every] += balance.hidden
+    covariance[every, :, every] += balance.hidden + np.eye(data) * np.broadcast_to(unsure, balance.seen.shape)[:, None, :] ** 2
     whole = covariance.reshape(count * data, -1)
     if not np.isfinite(whole).all():
         raise SimulationError("The sheet's forces are not finite.", "Check the points, the mesh and the material's numbers.")
-    return cholesky(whole, lower=True, overwrite_a=True, check_finite=False)
+    try:
+        return cholesky(whole, lower=True, overwrite_a=True, check_finite=False)
+    except np.linalg.LinAlgError as error:
+        raise SimulationError("The errors of the sheet's forces are no covariance.", "The take is damaged: run `recover` again.") from error
