@@ -87,7 +87,15 @@ def build_stage(take: Take, observation: Observation, upstream: str, settings: B
     from .recovery.journal import TakeJournal
 
     stamp = stamp_of("build", VERSION, upstream, settings)
-    kept = take.kept("build", stamp, lambda: read_body(take), progress)
+
+    def read() -> Body:
+        body = read_body(take)
+        # Each may be None in a take of an earlier version, whose field can still be sampled, but not under this version's stamp.
+        if body.sheet is not None and any(one is None for one in (body.path, body.path_sigma, body.measured)):
+            raise TakeError(f"{take.file('particles.npz')} lacks what was seen of the sheet.", "It is made again.")
+        return body
+
+    kept = take.kept("build", stamp, read, progress)
     if kept is not None and take.file("gaussians.ply").is_file():
         return kept, stamp
     progress.begin("build", "building the body")
@@ -118,9 +126,10 @@ def lift_stage(
 
     def read() -> Body:
         arrays = take.read_arrays(LIFTED)
-        if any(name not in arrays or arrays[name].shape != array.shape for name, array in changed_of(body).items()):
+        before = changed_of(body)
+        if any(name not in arrays or arrays[name].shape != array.shape for name, array in before.items()):
             raise TakeError(f"{take.file(LIFTED)} does not fit the body.", "It is made again.")
-        return from_arrays(Body, to_arrays(body) | arrays)
+        return from_arrays(Body, to_arrays(body) | {name: arrays[name] for name in before})
 
     stamp = stamp_of("lift", VERSION, upstream)
     kept = take.kept("lift", stamp, read, progress, "build")

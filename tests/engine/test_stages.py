@@ -14,12 +14,13 @@ import pytest
 
 from seeing_wind.engine.errors import TakeError
 from seeing_wind.engine.field import distillation
+from seeing_wind.engine.materials import Sheet
 from seeing_wind.engine.progress import Cancelled, Journal, NoProgress, Progress
 from seeing_wind.engine.record_arrays import read_recovery, to_arrays
-from seeing_wind.engine.records import Material, Observation, Recovery
+from seeing_wind.engine.records import Material, Measured, Observation, Recovery
 from seeing_wind.engine.recovery.stage import FITTED, SOLVED, recover_stage
-from seeing_wind.engine.settings import ObserveSettings
-from seeing_wind.engine.stages import build_body, lift_stage, observation_stamp, observe_stage, track_targets
+from seeing_wind.engine.settings import BuildSettings, ObserveSettings
+from seeing_wind.engine.stages import build_body, build_stage, lift_stage, observation_stamp, observe_stage, track_targets
 from seeing_wind.engine.take import Take, stamp_of
 from tests.engine.observations import observed
 from tests.engine.recovery.bodies import FPS, RUBBER, WEIGHTLESS, blow, plate, points
@@ -178,6 +179,29 @@ def test_several_views_are_lifted_once_and_go_on_where_they_were_stopped(tmp_pat
     take.write_arrays("lifted.npz", {"lifted": whole[:1]})
     np.testing.assert_array_equal(lift_stage(take, seen, body, targets, "up", Progress(told.append)).lifted, whole)
     assert any("done again" in message["message"] for message in told)
+
+
+@pytest.mark.parametrize("lost", ["measured", "path", "path_sigma"])
+def test_a_file_that_lacks_what_was_seen_of_a_sheet_is_made_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, lost: str) -> None:
+    """Without what a camera measured, the wind would be found as from exact points, and nothing would say so."""
+    mask = np.zeros((72, 96), bool)
+    mask[20:50, 30:60] = True
+    seen, told = observed(mask, 1.0), list[dict[str, Any]]()
+    body = build_body(seen)
+    frames, count = len(body.lifted), len(body.particles.x)
+    path = np.zeros((frames, count, 3))
+    measured = Measured(path, np.zeros((count, 2)), np.zeros((frames, 2, 3, 2, 3)))
+    filmed = {"path": path, "path_sigma": np.ones((frames, count)), "measured": measured}
+    sheet = replace(body, sheet=Sheet(0.1, 4e-4, 800.0, 1e-5), **filmed)
+    monkeypatch.setattr("seeing_wind.engine.stages.build_body", lambda *unused: sheet)
+    take = Take(tmp_path / "flag.take")
+    take.prepare()
+    build_stage(take, seen, "up", BuildSettings(), NoProgress())
+    build_stage(take, seen, "up", BuildSettings(), Progress(told.append))
+    assert [message["message"] for message in told] == ["already done"]
+    take.write_arrays("particles.npz", {key: array for key, array in to_arrays(sheet).items() if key.split(".")[0] != lost})
+    again, _ = build_stage(take, seen, "up", BuildSettings(), Progress(told.append))
+    assert getattr(again, lost) is not None and any("done again" in message["message"] for message in told)
 
 
 def test_what_is_seen_does_not_wait_for_the_solver() -> None:
