@@ -110,11 +110,10 @@ def field_of(follower: Follower, mean: float, progress: Progress = NoProgress(),
         SimulationError: when the sheet cannot be simulated even near where it was seen. Cancelled: when the user asked to stop.
     """
     frames, mass = follower.seen.frames, follower.shell.mass * ~follower.shell.pinned
-    progress.update(0.0, "the forces on the sheet")
+    progress.update(0.0, "the forces on the sheet, and a first wind")
     balance, basis = balance_of(follower.shell, follower.seen, follower.gravity), spatial_basis(follower.seen.rest, mass, MODES)
     spacing = max(SPACING, math.ceil(frames / MOST_KNOTS))
     problem = SheetProblem(balance, follower.cause, basis, hats(frames, spacing), factor_of(balance, balance.seen), check=progress.check)
-    progress.update(0.1, "a first wind")
     problem = problem.before(np.zeros(problem.unknowns))
     theta = journal.array("start", lambda: _start(problem, mean))
     problem = problem.before(theta)
