@@ -262,6 +262,14 @@ def test_cloth_is_built_as_a_sheet(cloth):
     np.testing.assert_array_equal(again.path, body.path)
 
 
+def test_frames_in_which_nothing_is_tracked_are_told(cloth):
+    visible, told = cloth.visible.copy(), []
+    visible[2:] = False
+    build_body(dataclasses.replace(cloth, visible=visible), BuildSettings(material="cotton", particles=100), Progress(told.append))
+    blind = len(visible) - 2
+    assert any(f"In {blind} of {len(visible)} frames, first in frame 2, fewer than 8" in one.get("message", "") for one in told)
+
+
 def test_what_is_built_as_a_solid(cloth):
     assert build_body(cloth, BuildSettings(material="cotton", form="solid", particles=100)).sheet is None
     assert build_body(cloth, BuildSettings(material="rubber", particles=100)).sheet is None

@@ -7,14 +7,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ....conventions import in_units
+from ....conventions import frame_named, in_units
 from ....errors import ObjectError
 from ....materials import Sheet
 from ....progress import Journal, NoProgress, Progress
 from ....records import Attachment, Body, Gaussians, Observation, Particles, Surface, TrackTargets
 from ..motion.lifting import Sight
 from ..shape.relief import Relief, sheet_relief
-from .follow import Followed, follow
+from .follow import FEWEST, Followed, follow
 from .mesh import SheetMesh, flatten_mesh, mesh_of
 from .riding import ride_flat
 
@@ -78,9 +78,24 @@ def build_sheet(
     mesh = mesh_of(relief, observation.pin, count)
     progress.update(0.05, f"a sheet of {len(mesh.x)} vertices, {1e3 * mesh.spacing:.1f} mm apart")
     seen = follow(mesh, [sight_of(observation)], observation.fps, observation.masks, progress.part(0.05, 1.0), journal)
+    _tell_blind(observation, seen.places[0], progress)
     placed = int(np.isfinite(seen.places[0][:, 0]).sum())
     progress.update(1.0, f"{placed} tracks on the sheet, which tell where it is to {in_units(np.median(seen.sigma), 'm', 2)}")
     return SheetBuilt(mesh, sheet, name, seen, relief)
+
+
+def _tell_blind(observation: Observation, places: np.ndarray, progress: Progress) -> None:
+    """Warn of frames in which next to nothing on the sheet is seen; places: (K, 2) of the tracks on it, NaN for those off it."""
+    sight = sight_of(observation)
+    seen = (sight.visible & np.isfinite(places[:, 0])).sum(axis=1)
+    if sight.recognised is not None:
+        seen += np.bincount(sight.recognised.frame, minlength=len(seen))
+    blind = np.flatnonzero(seen < FEWEST)
+    if blind.size:
+        progress.warn(
+            f"In {blind.size} of {len(seen)} frames, first in {frame_named(int(blind[0]))}, fewer than {FEWEST} tracked points lie on the "
+            "sheet. Where it was there is guessed, and so is the wind: leave these frames out with --frames, or give --tracks of your own."
+        )
 
 
 def sight_of(observation: Observation) -> Sight:
