@@ -105,12 +105,13 @@ class Follower:
     def begun(self, frame: int, path: np.ndarray) -> np.ndarray:
         """Vertices (V, 3) [m] of a frame from those of all before, as curved as it turns out to be."""
         self.curved[frame] = self.curved[frame - 1]
-        x = self.ahead(path).x
+        motion = self.ahead(path)
+        x = motion.x
         for _ in range(LEARNT):
-            motion = self.ahead(path)
             x = self.solved(frame, x, motion)
             if abs(math.log(self.learn_curvature(frame, x, motion))) < CURVATURE:
                 break
+            motion = self.ahead(path)
         return x
 
     def between(self, path: np.ndarray, frame: int, acceleration: float) -> _Continued:
@@ -157,9 +158,8 @@ class Follower:
         What noise alone would bend a sheet by makes it seem shorter, and so nearer to the camera. A step of expectation maximisation: the
         mean square of the bends is that of the solution and, by random signs, of its uncertainty.
         """
-        bends, before = self.template.bends, self.curved[frame]
+        bends, before, signs = self.template.bends, self.curved[frame], _signs(frame, x.size)
         hessian = self._linearised(frame, x, motion, self._outlier(frame, x))[0]
-        signs = np.random.default_rng(frame).choice([-1.0, 1.0], (x.size, PROBES))
         unknown = float(((bends @ signs) * _solve(hessian, signs)).sum()) / PROBES
         square = (float(x.ravel() @ (bends @ x.ravel())) + unknown) / len(self.template.hinges)
         self.curved[frame] = min(CURVED, max(LEAST_CURVED, math.sqrt(square)))
@@ -172,7 +172,7 @@ class Follower:
         the faces round a vertex.
         """
         hessian = self._linearised(frame, path[frame], self.between(path, frame, acceleration), OUTLIER)[0]
-        signs = np.random.default_rng(frame).choice([-1.0, 1.0], (path[0].size, PROBES))
+        signs = _signs(frame, path[0].size)
         variance = (_solve(hessian, signs) * signs).mean(axis=1).reshape(-1, 3).mean(axis=1)
         faces = self.mesh.faces
         around = np.bincount(faces.ravel(), np.repeat(variance[faces].sum(axis=1), 3)) / (3.0 * np.bincount(faces.ravel()))
@@ -184,14 +184,13 @@ class Follower:
         A motion that is taken to be smooth is wrong where a frame tells little, such as how far away a sheet is that is seen from its
         edge. Neighbours share such an error, and as an acceleration it is taken for a gust.
         """
-        areas = self.mesh.areas()
-        count = min(MODES, len(areas))
+        areas, count = self.mesh.areas(), min(MODES, len(self.mesh.x))
         modes = eigh(self.template.bends[::3, ::3].toarray(), np.diag(areas), subset_by_index=(0, count - 1))[1]
         onto = np.kron(areas[:, None] * modes, np.eye(3))
         x, covariance = path.copy(), np.zeros((len(path), *(count, 3) * 2))
         for frame in range(1, len(path)):
-            loose = self.between(path, frame, SWIFT)
-            hessian, gradient = self._linearised(frame, path[frame], loose, self._outlier(frame, path[frame]))
+            loose, scale = self.between(path, frame, SWIFT), self._outlier(frame, path[frame])
+            hessian, gradient = self._linearised(frame, path[frame], loose, scale)
             solved = _solve(hessian, np.column_stack([onto, -gradient]))
             x[frame] += solved[:, -1].reshape(-1, 3)
             covariance[frame] = (onto.T @ solved[:, :-1]).reshape(covariance.shape[1:])
@@ -253,8 +252,7 @@ def follow(
 
     def state() -> dict[str, np.ndarray]:
         places = {f"places {number}": view.places for number, view in enumerate(views)}
-        learnt = {"acceleration": np.array(acceleration), "curved": follower.curved}
-        return {"path": path, **learnt, **places}
+        return {"path": path, "acceleration": np.array(acceleration), "curved": follower.curved, **places}
 
     steps = [(sweep, t) for sweep in range(SWEEPS + 1) for t in range(1, frames)]
     for number, (sweep, t) in enumerate(steps[done:], start=done + 1):
@@ -289,6 +287,11 @@ def _require_tracks(views: Sequence[View]) -> None:
 def _acceleration(path: np.ndarray, fps: float) -> float:
     """Root mean square of a component of the second differences [m/s²]."""
     return float(np.sqrt((np.diff(path, 2, axis=0) ** 2).mean())) * fps**2
+
+
+def _signs(frame: int, size: int) -> np.ndarray:
+    """(size, PROBES) random signs, the same whenever a frame is looked at."""
+    return np.random.default_rng(frame).choice([-1.0, 1.0], (size, PROBES))
 
 
 def _solve(matrix: csr_matrix, right: np.ndarray) -> np.ndarray:

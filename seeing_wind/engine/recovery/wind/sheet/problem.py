@@ -68,10 +68,10 @@ class SheetProblem:
         """(T-1, 3 Q) of the cause, under the hats."""
         return self._forces_at(self.balance.at, theta)
 
-    def unsure(self, theta: np.ndarray) -> np.ndarray:
-        """(T-1, 3 Q) standard deviation of these forces, as it is not known how the sheet moves between frames: how far two
+    def unsure(self, theta: np.ndarray, forces: np.ndarray) -> np.ndarray:
+        """(T-1, 3 Q) standard deviation of the `forces` at theta (n,), as it is not known how the sheet moves between frames: how far two
         interpolations differ. Where a sheet begins to flutter, that is hundreds of times as much as before."""
-        off = self._forces_at(self.balance.plainly, theta) - self.forces(theta)
+        off = self._forces_at(self.balance.plainly, theta) - forces
         square = (off.reshape(len(off), -1, 3) ** 2).mean(axis=2)
         around = np.pad(square, ((1, 1), (0, 0)), mode="edge")
         return np.repeat(np.sqrt(0.25 * around[:-2] + 0.5 * square + 0.25 * around[2:]), 3, axis=1)
@@ -104,12 +104,13 @@ class SheetProblem:
 
     def before(self, theta: np.ndarray) -> SheetProblem:
         """The same with errors for a first solve from theta (n,): the law's as a part of what the sheet was seen to feel."""
-        return replace(self, factor=factor_of(self.balance, self.balance.seen, self.unsure(theta)))
+        return replace(self, factor=factor_of(self.balance, self.balance.seen, self.unsure(theta, self.forces(theta))))
 
     def with_errors(self, theta: np.ndarray, law: float | None = None, noise: float | None = None) -> SheetProblem:
         """The same with another error of the law, a part of the forces at theta (n,), or of the places."""
         law, noise = self.law if law is None else law, self.noise if noise is None else noise
-        factor = factor_of(self.balance, self.forces(theta), self.unsure(theta), law, noise)
+        forces = self.forces(theta)
+        factor = factor_of(self.balance, forces, self.unsure(theta, forces), law, noise)
         return replace(self, law=law, noise=noise, factor=factor)
 
     def _whitened(self, values: np.ndarray) -> np.ndarray:
