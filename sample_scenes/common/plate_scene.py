@@ -14,7 +14,7 @@ import numpy as np
 from clip_files import Filmed
 from outlines import flat_mesh, inside_any
 
-from seeing_wind.engine.conventions import GRAVITY
+from seeing_wind.engine.conventions import NO_GRAVITY
 from seeing_wind.engine.field.analytic import ForceFieldAnalytic
 from seeing_wind.engine.look.report.accuracy import uniform_errors
 from seeing_wind.engine.materials import adjust, find
@@ -66,9 +66,9 @@ class Plate:
 WindOf = Callable[[Plate, np.random.Generator, float, int], ForceFieldAnalytic]
 
 
-def main(plate: Callable[[int], Plate], wind: WindOf, argv: list[str] | None, about: str) -> int:
+def main(plate: Callable[[int], Plate], wind: WindOf, argv: list[str] | None, about: str, frames: int) -> int:
     """Build everything into --out; returns the exit code."""
-    chosen = clip_files.options(about, argv, seed=3, frames=28, fps=24.0, size="480x360", samples=8, spacing=SPACING)
+    chosen = clip_files.options(about, argv, seed=3, frames=frames, fps=24.0, size="480x360", samples=8, spacing=SPACING)
 
     def film() -> Filmed:
         body = plate(chosen.seed)
@@ -103,9 +103,9 @@ def lay_particles(plate: Plate, spacing: float) -> Particles:
 
 
 def simulate(plate: Plate, wind: ForceFieldAnalytic, size: tuple[int, int], spacing: float = SPACING) -> Filmed:
-    """Let the plate go, at rest, in the wind and in gravity."""
+    """Let the plate go, at rest, in the wind. Its weight bends it no further: the outlines show it as it stands."""
     particles, material = lay_particles(plate, spacing), plate.stuff()
-    model, _ = model_for(particles, material, wind.fps, gravity=GRAVITY)
+    model, _ = model_for(particles, material, wind.fps, gravity=NO_GRAVITY)
     state = State.at_rest(particles.x)
     x, v, acceleration = [state.x], [state.v], []
     for t in range(wind.frames):

@@ -70,10 +70,10 @@ def pole(height: float) -> tuple[np.ndarray, np.ndarray, tuple[float, float, flo
 
 
 def wind(plate: Plate, rng: np.random.Generator, fps: float, frames: int) -> ForceFieldAnalytic:
-    """A pull along the sheet that carries most of its weight, and gusts up and down that run along it."""
+    """A pull along the sheet, and gusts up and down that run along it."""
     t = (np.arange(frames) + 0.5) / fps
     swell = np.sin(2.0 * np.pi * t / rng.uniform(0.8, 1.0))
-    uniform = np.stack([4.0 + 2.0 * swell, 0.4 * swell, 8.0 + 1.0 * np.cos(2.0 * np.pi * t / rng.uniform(0.5, 0.7))], 1)
+    uniform = np.stack([4.0 + 2.0 * swell, 0.4 * swell, -1.8 + 1.0 * np.cos(2.0 * np.pi * t / rng.uniform(0.5, 0.7))], 1)
     k = 2.0 * np.pi / WAVELENGTH
     speed, turn = rng.uniform(0.9, 1.2), rng.uniform(0.0, 2.0 * np.pi)
     # a travelling wave is two standing ones; both blow across the way they run, so they are free of divergence
@@ -88,7 +88,7 @@ def wind(plate: Plate, rng: np.random.Generator, fps: float, frames: int) -> For
 
 def main(argv: list[str] | None = None) -> int:
     """Build everything into --out; returns the exit code."""
-    return plate_scene.main(flag, wind, argv, __doc__ or "")
+    return plate_scene.main(flag, wind, argv, __doc__ or "", frames=28)
 
 
 if __name__ == "__main__":

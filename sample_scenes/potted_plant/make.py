@@ -1,6 +1,6 @@
 """Builds the sample clip of a potted plant from nothing: a stalk with leaves, held in its pot, in a known wind.
 
-    python sample_scenes/potted_plant/make.py --out DIR [--seed N] [--frames 28] [--size 480x360] [--samples N] [--blender PATH]
+    python sample_scenes/potted_plant/make.py --out DIR [--seed N] [--frames 96] [--size 480x360] [--samples N] [--blender PATH]
 
 What a user of the clip would have: clip.mp4, camera.json, mask_0000.png, held_0000.png (where it is held), box.json.
 For the report only: known_wind.safetensors (the field) and truth.npz (particles and forces), which the recovery never reads.
@@ -99,23 +99,23 @@ def pot() -> tuple[np.ndarray, np.ndarray, tuple[float, float, float]]:
 
 
 def wind(plate: Plate, rng: np.random.Generator, fps: float, frames: int) -> ForceFieldAnalytic:
-    """Gusts from the side, stronger higher up, that carry part of the leaves' weight."""
+    """A wind from the side in gusts, stronger higher up, which lifts some leaves and presses others down."""
     t = (np.arange(frames) + 0.5) / fps
     gust = np.cos(2.0 * np.pi * t / rng.uniform(0.55, 0.65)) + 0.4 * np.cos(2.0 * np.pi * t / rng.uniform(0.32, 0.38))
-    uniform = np.stack([1.6 * gust, 0.04 * gust, 9.5 + 0.3 * gust], 1)
+    uniform = np.stack([1.0 + 1.6 * gust, 0.04 * gust, 0.3 * gust], 1)
     # half a wave over the height: sideways, so that it runs upward without divergence
     vectors = np.array([[0.0, 0.0, 2.0 * np.pi / 1.1], [2.0 * np.pi / 0.7, 0.0, 0.0]])
     phases = np.array([-2.0 * np.pi / 1.1 * (PLACE[2] + 0.2), 0.3])
     amplitude = np.zeros((frames, 2, 3))
     amplitude[:, 0, 0] = 2.6 * gust
-    amplitude[:, 1, 2] = 2.2 * np.cos(2.0 * np.pi * t / rng.uniform(0.5, 0.7))
+    amplitude[:, 1, 2] = 0.8 * np.cos(2.0 * np.pi * t / rng.uniform(0.5, 0.7))
     box = np.array([[-0.6, -0.5, 0.2], [0.7, 0.5, 1.4]])
     return ForceFieldAnalytic(box, fps, frames, plate.density * uniform, vectors, phases, plate.density * amplitude)
 
 
 def main(argv: list[str] | None = None) -> int:
     """Build everything into --out; returns the exit code."""
-    return plate_scene.main(plant, wind, argv, __doc__ or "")
+    return plate_scene.main(plant, wind, argv, __doc__ or "", frames=96)
 
 
 if __name__ == "__main__":

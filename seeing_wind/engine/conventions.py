@@ -42,6 +42,7 @@ if TYPE_CHECKING:
 
 GRAVITY = (0.0, 0.0, -9.81)
 """Standard gravity in Blender's world [m/s²]."""
+NO_GRAVITY = (0.0, 0.0, 0.0)
 
 LARGEST_IMAGE = 2**26
 """Pixels, eight thousand squared: what is larger is a mistake or a header that lies, and is not decoded."""

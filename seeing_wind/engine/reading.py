@@ -223,7 +223,7 @@ SHAPES: dict[str, dict[str, str]] = {
     },
     "Recovery": {
         "force_density": "T N 3", "deviation": "T N 3", "x": "P N 3", "F": "P N 3 3", "v0": "N 3", "residual": "P", "stiffness": "N",
-        "section": "2", "section_axes": "2 3", "held_covariance": "4 4", "wild": "T",
+        "section": "2", "section_axes": "2 3", "held_covariance": "4 4", "wild": "T", "borne": "3",
     },
 }  # fmt: skip
 """Shapes of the arrays in the records of a take: a letter is the same number wherever it stands in a record."""

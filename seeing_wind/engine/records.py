@@ -364,6 +364,8 @@ class Recovery:
     there are none."""
     clamp_moves: bool = False
     """Whether what is held goes the way that its particles have in `x`, rather than stands still."""
+    borne: np.ndarray | None = None
+    """(3,) gravity [m/s²] that a held body bears in the shape of frame 0, see `recovery.targets.weight`; None where it acts on it."""
 
 
 def body_as_found(particles: Particles, recovery: Recovery) -> Particles:

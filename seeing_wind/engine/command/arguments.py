@@ -11,6 +11,7 @@ import re
 from collections.abc import Collection
 from typing import Any, NoReturn
 
+from ..conventions import NO_GRAVITY
 from ..errors import UsageError
 from ..settings import BuildSettings, ObserveSettings, Option, RecoverSettings, ReportSettings, WindSettings, options_of
 from ..settings.build import MADE, may_be_sheet
@@ -20,7 +21,6 @@ from ..settings.recover import SOLVE
 DESCRIPTIONS = {NETWORKS: "each a folder, or a name in the hub's cache; see `doctor`"}
 """Of the groups that need more than their title."""
 CLIP = "a video, a folder of images, or a pattern such as shot_%%04d.png"
-NO_GRAVITY = (0.0, 0.0, 0.0)
 
 
 class Parser(argparse.ArgumentParser):

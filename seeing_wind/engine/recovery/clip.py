@@ -33,7 +33,7 @@ from .diagnostics.remarks import (
 )
 from .prior.basis import SpatialBasis, held_axis, spatial_basis
 from .prior.constants import PRIOR
-from .prior.kernel import knots_for_variance
+from .prior.kernel import knots_for_variance, steady_part
 from .prior.learning import Expected
 from .solve.block import BlockSolver
 from .solve.constants import PACE
@@ -121,11 +121,11 @@ class Clip:
                 self.progress.update(at + share * fraction, what + where, **figures)
 
             start = kept[-1].trajectory.state(-1) if kept else None
-            springy = self.particles.pinned.any() and not self.model.plastic and not self.stiffness.free
+            springy = not self.model.plastic and not self.stiffness.free
             before = kept[-1].onward if kept and springy and self.settings.iterations > 1 else None  # it takes two
             solver = BlockSolver(
                 self.particles, self.model.from_frame(begin), self.objective.between(begin, end), basis, expected, start,
-                self.settings.iterations, self.progress, tell, self.still[begin:end], self.stiffness, before=before,
+                self.settings.iterations, self.progress, tell, self.still[begin:end], self._steady(kept), self.stiffness, before=before,
                 journal=self.journal,
             )  # fmt: skip
             frames = cuts[part + 1][0] - begin if part + 1 < len(cuts) else end - begin
@@ -140,6 +140,15 @@ class Clip:
                 self.notes.append(f"The force has a knot every {found.knot_spacing:.0f} frames: faster gusts are smoothed.")
             kept.append(found)
         return kept
+
+    def _steady(self, kept: list[Kept]) -> np.ndarray:
+        """(3,) the constant part of the force on the whole body in the blocks so far [m/s²]."""
+        if not kept:
+            return np.zeros(3)
+        weight = self.model.mass * ~self.particles.pinned
+        force = np.concatenate([np.einsum("n,tni->ti", weight / weight.sum(), one.acceleration) for one in kept])
+        at = np.flatnonzero(~self.still[: len(force)])
+        return steady_part(force[at], at.astype(float), kept[-1].onward.kernel.duration)
 
     def _observable(self, basis: SpatialBasis) -> SpatialBasis:
         """The modes that the observed points can tell apart; the constant one always."""
@@ -275,5 +284,5 @@ def _solved(solver: BlockSolver, frames: int) -> Kept:
         found.forward.knots.spacing,
         found.stiffness,
         found.wild[:frames],
-        Onward(found.prior.kernel, knot, found.forward.per_frame(found.last.theta)[frames:]),
+        Onward(found.prior.kernel, knot, found.forward.per_frame(found.last.theta)[frames:], found.misfit),
     )

@@ -67,15 +67,13 @@ class Usual:
     """Jacobians with few modes and sparse knots."""
     fine: float
     """Those with all."""
-    follows: bool = True
-    """Whether the body is led through the block first."""
 
 
 FREE = Usual(copies=30.0, coarse=1.3, fine=1.8)
 HELD = Usual(copies=50.0, coarse=2.5, fine=2.1)
 FLOWING = Usual(copies=60.0, coarse=3.0, fine=3.0)
-ONWARD = Usual(copies=10.0, coarse=0.0, fine=2.5, follows=False)
-"""A later block of a held body."""
+ONWARD = Usual(copies=8.0, coarse=0.0, fine=2.0)
+"""A later block of a body that does not flow."""
 
 
 @dataclass(frozen=True)
@@ -111,7 +109,7 @@ def work_of(particles: Particles, material: Material, fps: float, frames: int, p
     work = np.zeros(3)
     for number, (begin, end) in enumerate(blocks(frames)):
         usual = FLOWING if plastic else HELD if held else FREE
-        if held and not plastic and number and settings.iterations > 1:
+        if not plastic and number and settings.iterations > 1:
             usual = ONWARD
         work += each * _block(usual, end - begin, 0 if number else 6, few, worth, settings.iterations)
     copies, bases, changes = work.tolist()
@@ -125,7 +123,7 @@ def _block(usual: Usual, frames: int, start: int, few: int, worth: int, iteratio
     many, fewer columns are carried in their place.
     """
     coarse, fine = min(usual.coarse, iterations), min(usual.fine, max(iterations - 1, 0))
-    ahead = (frames / PACE.hop * PACE.horizon + PACE.first_horizon * PACE.first_horizon_steps) if usual.follows else 0.0
+    ahead = frames / PACE.hop * PACE.horizon + PACE.first_horizon * PACE.first_horizon_steps
     bases = ahead + frames * (coarse + fine)
     carried = sum(
         times * min(0.5 * (3 * modes * knots + start), COLUMNS * 3 * modes)

@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial import cKDTree
 
+from ..conventions import NO_GRAVITY
 from ..errors import ObjectError, UsageError
 from ..field.torch_threads import one_torch_thread
 from ..materials import LIMITS
@@ -20,7 +21,7 @@ from ..progress import Journal, Progress
 from ..records import Material, Particles, PointTargets, Recovery, TrackTargets
 from ..settings import RecoverSettings
 from .clip import Clip, still_frames
-from .diagnostics.remarks import moving_clamp_remark, ringing_remarks
+from .diagnostics.remarks import BORNE, moving_clamp_remark, ringing_remarks
 from .solve.constants import PACE
 from .solve.known_body import KnownBody
 from .solve.stiffness import Stiffness, is_free
@@ -30,6 +31,7 @@ from .targets.objective import Channels, Objective
 from .targets.points import PointChannels, point_channels
 from .targets.ringing import alone
 from .targets.tracks import track_channels
+from .targets.weight import bears_weight
 
 
 @one_torch_thread()
@@ -75,9 +77,12 @@ def recover(
         notes.append(f"{material.name}: the solver has no law {material.law}; the force was recovered as if the body were elastic.")
         material = replace(material, law="corotated")
     model, model_notes = _model(particles, material, channels, fps, settings, plastic)
+    objective, borne = Objective(channels), None
+    if any(settings.gravity) and particles.pinned.any() and not plastic and bears_weight(model, particles.x, objective):
+        borne, settings, model = np.array(settings.gravity), replace(settings, gravity=NO_GRAVITY), replace(model, gravity=np.zeros(3))
+        notes.append(BORNE)
     if moving is not None:
         model = replace(model, gravity=moving.gravity(particles, model.gravity))
-    objective = Objective(channels)
     still, said = _still(particles, sources, settings, plastic)
     notes += said
     clip = Clip(
@@ -85,7 +90,7 @@ def recover(
         still,
     )  # fmt: skip
     views = len(sources) if isinstance(sources[0], TrackTargets) else 0
-    found = clip.result(clip.solved(), material, views, began)
+    found = replace(clip.result(clip.solved(), material, views, began), borne=borne)
     return found if moving is None else moving.carried(found, material.density, np.asarray(settings.gravity), model.gravity)
 
 

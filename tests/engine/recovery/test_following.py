@@ -164,7 +164,7 @@ def forward_of(body, material, frames, substeps=None, gravity=(0.0, 0.0, 0.0)):
     basis = spatial_basis(body.x, model.mass * ~body.pinned, 6)
     rough = model if substeps is None else replace(model, substeps=substeps)
     when = knots_between(np.zeros(frames, bool), 2.0)
-    return Forward(model, rough, body.x, basis, when, *velocity_basis(body.x, basis, body.pinned), NoProgress(), None)
+    return Forward(model, rough, body.x, basis, when, *velocity_basis(body.x, basis, body.pinned), NoProgress(), np.zeros(3))
 
 
 @pytest.mark.parametrize(("size", "share"), [(180.0, 0.5), (1e6, 0.0)])

@@ -1,4 +1,4 @@
-"""From one block of a clip of a held body to the next."""
+"""From one block of a clip to the next."""
 
 import sys
 from dataclasses import replace
@@ -83,11 +83,12 @@ def test_where_that_field_loses_the_body_it_is_followed_again(blown, followed, m
     assert error < 0.1
 
 
-def test_a_free_body_is_followed_in_every_block(followed):
+def test_so_does_one_that_is_free(followed):
     body = plate()
-    x, _ = blow(body, gusts, FRAMES)
-    recover(body, RUBBER, [points(body, x)], FPS, GIVEN, NoProgress())
-    assert followed == [0, 8]
+    x, wind = blow(body, gusts, FRAMES)
+    found = recover(body, RUBBER, [points(body, x)], FPS, GIVEN, NoProgress())
+    assert followed == [0]
+    assert relative(found.force_density / RUBBER.density, wind) < 0.1
 
 
 def test_a_draft_of_one_iteration_does_not_take_the_two_of_going_on(blown, followed):

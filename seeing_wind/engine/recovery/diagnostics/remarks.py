@@ -131,6 +131,12 @@ def motion_remarks(particles: Particles, x: np.ndarray, residual: np.ndarray, vi
     return notes
 
 
+BORNE = (
+    "The object is taken to bear its weight as it stands in frame 0, so the force found is what moves it from there. Where it did begin "
+    "without a load, its points would be seen to sag."
+)
+
+
 def force_remarks(acceleration: np.ndarray, density: float, x: np.ndarray, fps: float, gravity: Sequence[float]) -> list[str]:
     """On an acceleration (T, N, 3) [m/s²], besides gravity [m/s²], that hardly matters to the motion x (T+1, N, 3) [m]."""
     size, way = float(np.sqrt((acceleration**2).sum(axis=-1).mean())), float(np.linalg.norm(x - x[0], axis=-1).max())

@@ -18,7 +18,7 @@ import numpy as np
 import torch
 from torch.nn.utils import parameters_to_vector
 
-from ...conventions import in_units
+from ...conventions import NO_GRAVITY, in_units
 from ...errors import SimulationError
 from ...field.adam import in_parts
 from ...field.force_field import ForceField
@@ -134,7 +134,7 @@ class _Run:
         self.module, self.box, self.scale = module, field.box, field.scale / material.density
         model, _ = model_for(
             body_as_found(particles, recovery), material, field.fps,
-            gravity=settings.gravity, clamp_depth=recovery.clamp_depth,
+            gravity=settings.gravity if recovery.borne is None else NO_GRAVITY, clamp_depth=recovery.clamp_depth,
         )  # fmt: skip
         self.model: Model = replace(model, substeps=recovery.substeps or model.substeps)
         self.path = torch.from_numpy(np.asarray(recovery.x, np.float64))

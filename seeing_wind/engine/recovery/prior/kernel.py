@@ -90,6 +90,15 @@ def over_time(at: np.ndarray, duration: torch.Tensor) -> torch.Tensor:
     return (PRIOR.steady + (1.0 + lag + lag**2 / 3.0) * torch.exp(-lag)) / (1.0 + PRIOR.steady)
 
 
+def steady_part(force: np.ndarray, at: np.ndarray, duration: float) -> np.ndarray:
+    """What a force (T, 3) at the times `at` (T,) [frames] tells of its part that is constant in time: its mean under the prior."""
+    if not len(at):
+        return np.zeros(force.shape[1])
+    together = over_time(at, torch.tensor(duration, dtype=torch.float64)).numpy() + JITTER * np.eye(len(at))
+    constant = np.full(len(at), PRIOR.steady / (1.0 + PRIOR.steady))
+    return constant @ np.linalg.solve(together, force)
+
+
 @dataclass(frozen=True)
 class Prior:
     """Zero-mean Gaussian over coefficients c (knots, modes, 3) [m/s²] and initial velocities (V,) [m/s]."""

@@ -53,6 +53,8 @@ class Actor:
     """(T+1, N, 3) [m] which way its pinned particles go, if they do not keep their places."""
     coarser: float = 1.0
     """By which factor its particles are farther apart than in the full result: at most the edit's coarseness."""
+    borne: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(3))
+    """(3,) gravity that it bears as it stands [m/s²], which bends it no further."""
 
 
 def enter_all(edit: Edit, field: ForceField, recovered: tuple[Body, Recovery] | None, base_dir: Path) -> list[Actor | sheets.Hanging]:
@@ -122,6 +124,7 @@ def _enter_recovered(body: BodyEdit, source: Body, recovery: Recovery) -> Actor:
     return Actor(
         body, particles, _overridden(material, body, particles), np.array(velocity, dtype=np.float64), rider, surface.triangles, [],
         np.zeros(len(particles.x)), recovery.clamp_depth, recovery.substeps or MIN_SUBSTEPS, _clamp_path(body, particles, recovery),
+        borne=np.zeros(3) if recovery.borne is None or body.free is not None else recovery.borne / body.mass_scale,
     )  # fmt: skip
 
 

@@ -179,7 +179,10 @@ def _move(
     model, notes = _model(actors, 0, around)
     sails = [Sail(_surface(actor), part) for actor, part in zip(actors, slices)]
     history = [state.x]
-    told = [one for a in actors for one in (a.edit, a.particles, a.material, a.velocity, a.soft, a.clamp_depth, a.substeps, a.path)]
+    told = [
+        one for a in actors
+        for one in (a.edit, a.particles, a.material, a.velocity, a.soft, a.clamp_depth, a.substeps, a.path, a.borne)
+    ]  # fmt: skip
     loop = journal.loop("frames", *around.told(), *told)
     done, kept = loop.resume()
     if done:
@@ -214,15 +217,19 @@ class _Further:
     """(N,) their weights."""
     whole: np.ndarray
     """(N,) mass of the body to which a particle belongs [kg]."""
+    borne: np.ndarray
+    """(N, 3) gravity that a body bears as it stands [m/s²]."""
 
     @classmethod
     def of(cls, actors: Sequence[Actor], around: Surroundings, x: np.ndarray) -> _Further:
         """For actors whose particles are at x (N, 3) [m]."""
         whole = [np.full(len(a.particles.x), a.particles.volume.sum() * a.material.density * a.edit.mass_scale) for a in actors]
-        return cls(around, x, np.concatenate([actor.soft for actor in actors]), np.concatenate(whole))
+        borne = np.concatenate([np.broadcast_to(actor.borne, actor.particles.x.shape) for actor in actors])
+        return cls(around, x, np.concatenate([actor.soft for actor in actors]), np.concatenate(whole), borne)
 
     def added(self, frame: int, state: State, acceleration: np.ndarray, duration: float) -> np.ndarray:
         """An acceleration (N, 3) [m/s²], held for a duration [s], with all that is added to it."""
+        acceleration = acceleration - self.borne
         if self.around.forces is not None:
             push = self.around.forces.at(state.x, frame)
             acceleration = acceleration + push.acceleration(state.v, self.whole, duration)

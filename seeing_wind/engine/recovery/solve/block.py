@@ -24,7 +24,7 @@ from .constants import PACE
 from .first_field import FINELY, FLOWING, USUAL, Pace, follow, strayed
 from .forward import Forward
 from .gauss_newton import Solution, cost_of
-from .onward import Onward, continue_block
+from .onward import Onward, continue_block, missed_by
 from .problem import whitened
 from .solver import Solver
 from .stiffness import Joint, Stiffness, shortened, stiffest
@@ -45,6 +45,8 @@ class Found:
     """How the force hangs together with a stiffness that was free."""
     wild: np.ndarray
     """(T,) bool, see `Objective.wild_frames`."""
+    misfit: float
+    """What it missed before the mismatch was learnt, see `onward.missed_by`."""
 
 
 @dataclass
@@ -64,6 +66,7 @@ class BlockSolver(Solver):
             most, draft = min(max(0, self.iterations - used), USUAL.last_iterations), False
         else:
             forward, prior, found, used, most, draft = self._from_the_start()
+        misfit = missed_by(self, found)
         prior, point, self.objective = learn_hyperparameters(
             prior, forward, found, self.objective, self.expected, self.progress.check, self.journal
         )
@@ -73,7 +76,7 @@ class BlockSolver(Solver):
         )  # fmt: skip
         last = replace(last, converged=last.converged and not draft)
         path, wild = forward.trajectory(last.theta), self.objective.wild_frames()
-        return Found(forward, prior, last, path, used + last.iterations, self.stiffness, self.joint, wild)
+        return Found(forward, prior, last, path, used + last.iterations, self.stiffness, self.joint, wild, misfit)
 
     def _from_the_start(self) -> tuple[Forward, Prior, Solution, int, int, bool]:
         """Forward model, prior and solution of a block that knows nothing beforehand, the Jacobians used and those left to the last

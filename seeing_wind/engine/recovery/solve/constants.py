@@ -51,6 +51,9 @@ class PaceConstants:
         3.0, "deviations", "Track misfit above which the first field of a block is found again with finer steps.",
         "Seen: 0.1 to 0.4 for leaves, posts and plants, 1.4 for a banner that turns edge-on, 6 for a flag that was lost.",
     )  # fmt: skip
+    onward_iterations: int = constant(
+        6, "Jacobians", "Of a block that goes on from the one before, after the first: where it needs more, it begins anew.", COST
+    )
     refollow_worse: float = constant(
         1.5, "1", "The same of all targets, where it is this many times that of the motion the look-ahead led through: sparse knots may "
         "lose some of it, but not as much.", "Seen: 1.0 for a card that flutters and is found, 1.9 for one that tumbles and was lost.",

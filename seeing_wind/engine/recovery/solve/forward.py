@@ -43,6 +43,8 @@ class Forward:
     velocity_gradient: np.ndarray
     """(V, N, 3, 3)."""
     progress: Progress
+    steady: np.ndarray
+    """(3,) force that is there anyhow, where the air is not still [m/s²]: the coefficients are what comes on top of it."""
     begin: State | None = None
     """The body at the first frame, if it is known; then there are no initial motions (V = 0)."""
     journal: Journal = Journal()
@@ -69,7 +71,7 @@ class Forward:
         """theta (n,) nearest to coefficients per frame (T, fewer or as many modes, 3) and initial velocities (V,)."""
         knots = np.zeros(self.shape)
         modes = per_frame.shape[1]
-        knots[:, :modes] = np.tensordot(np.linalg.pinv(self.hats), per_frame, 1)
+        knots[:, :modes] = np.tensordot(np.linalg.pinv(self.hats), per_frame - self._steadily()[:, :modes], 1)
         return np.concatenate([knots.ravel(), velocity])
 
     def start(self, velocity: np.ndarray) -> State:
@@ -80,9 +82,19 @@ class Forward:
         return State(rest.x, *self._initial(velocity), rest.F)
 
     def per_frame(self, theta: np.ndarray) -> np.ndarray:
-        """theta (n,) or (B, n) -> coefficients per frame (..., T, modes, 3)."""
+        """theta (n,) or (B, n) -> coefficients per frame (..., T, modes, 3), of the whole force."""
+        return self._on_top(theta) + self._steadily()
+
+    def _on_top(self, theta: np.ndarray) -> np.ndarray:
+        """`per_frame` without what is steady: linear in theta."""
         knots = theta[..., : self.size].reshape(*theta.shape[:-1], *self.shape)
         return np.einsum("tk,...kpi->...tpi", self.hats, knots)
+
+    def _steadily(self) -> np.ndarray:
+        """(T, modes, 3) of what is steady; the first mode is 1 all over the body."""
+        alone = np.zeros((len(self.hats), *self.shape[1:]))
+        alone[:, 0] = self.hats.sum(axis=1)[:, None] * self.steady
+        return alone
 
     def acceleration(self, theta: np.ndarray) -> np.ndarray:
         """(T, N, 3) [m/s²] on the particles."""
@@ -211,7 +223,7 @@ class Forward:
 
         _, rows = tangents(
             self.rough, self.start(theta[self.size :]), self.basis.phi, self.basis.gradient, self.per_frame(theta),
-            Changes(self.per_frame(unit), v0, C0), self.progress, self.journal, residuals,
+            Changes(self._on_top(unit), v0, C0), self.progress, self.journal, residuals,
         )  # fmt: skip
         rows /= size[:, None, None]
         return rows

@@ -10,8 +10,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
+from scipy.linalg import lu_factor, lu_solve
 
 from ...errors import SimulationError
 from .constants import PACE
@@ -67,6 +69,11 @@ def cost_of(residual: np.ndarray, offset: np.ndarray, precision: np.ndarray) -> 
     return (residual**2).sum(axis=-1) + np.einsum("bi,ij,bj->b", offset, precision, offset, optimize=True)
 
 
+def _damped(normal: np.ndarray, precision: np.ndarray) -> Callable[[float], tuple[np.ndarray, np.ndarray]]:
+    """lambda -> LU factors of J'J + (1 + lambda) P, each made once: the chord steps of one Jacobian share them."""
+    return cache(lambda damp: lu_factor(normal + (1.0 + damp) * precision, overwrite_a=True, check_finite=False))
+
+
 def solve(
     theta: np.ndarray,
     mean: np.ndarray,
@@ -104,14 +111,14 @@ def solve(
             residual = point.residual
         cost = float(cost_of(residual[None], (theta - mean)[None], precision)[0])
         report(used, cost)
-        at_start = cost
+        at_start, damped = cost, _damped(point.normal, precision)
         for _ in range(PACE.chord_steps):
             gradient = point.jacobian @ residual + precision @ (theta - mean)
-            promised = float(gradient @ np.linalg.solve(point.normal + precision, gradient))
+            promised = float(gradient @ lu_solve(damped(0.0), gradient))
             if promised < max(per_unknown * len(theta), tolerance * cost):
                 return Solution(theta, residual, cost, used, True, point)
             for candidates in DAMPING:
-                trials = theta - np.stack([np.linalg.solve(point.normal + (1.0 + damp) * precision, gradient) for damp in candidates])
+                trials = theta - np.stack([lu_solve(damped(damp), gradient) for damp in candidates])
                 missed = residuals(trials)
                 costs = cost_of(missed, trials - mean, precision)
                 best = int(np.argmin(costs))

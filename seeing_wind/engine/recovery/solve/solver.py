@@ -49,6 +49,8 @@ class Solver:
     """Told the fraction done, what is being done, and the misfit in the observations' standard deviations (root mean square)."""
     still: np.ndarray
     """(T,) bool: the block's frames without a force."""
+    steady: np.ndarray
+    """(3,) what the force of the blocks before, if there are any, had throughout [m/s²]."""
     stiffness: Stiffness = field(default_factory=partial(Stiffness, free=False))
     journal: Journal = Journal()
     """Keeps what is found on the way."""
@@ -82,7 +84,7 @@ class Solver:
             velocity, gradient = velocity[:0], gradient[:0]
         x = self.particles.x
         model, when = model or self._model(), knots_between(self.still[:frames], knot)
-        return Forward(model, self._rough(), x, basis, when, velocity, gradient, self.progress, self.start, self.journal)
+        return Forward(model, self._rough(), x, basis, when, velocity, gradient, self.progress, self.steady, self.start, self.journal)
 
     def solve(
         self,

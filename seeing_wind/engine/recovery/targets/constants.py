@@ -26,6 +26,10 @@ class NoiseConstants:
         "1 to 2.3 % in degree 2 and 3.",
     )  # fmt: skip
     motion_white: float = constant(0.2, "1", "How much of that is white.", SCENES)
+    sag_frames: int = constant(6, "frames", "In which a held body that began without a load would be seen to sag.", "Chosen.")
+    sag_seen: float = constant(
+        5.0, "deviations", "What is seen of that, all points together, has to be as much before it can be missed.", "Chosen."
+    )
     drift: float = constant(
         0.05, "1", "How far a held body strays from the solver's in `drift_frames`, in its own motion, as the integral of a random walk: "
         "a clamp gives way under a lasting force. Taken for bending, it would ask for a force that grows through the clip.",

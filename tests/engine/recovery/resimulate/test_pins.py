@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from seeing_wind.engine.conventions import GRAVITY
 from seeing_wind.engine.records import Attachment, Body, Gaussians, Material, Outcome, Particles, Recovery, Surface
 from seeing_wind.engine.settings import BodyEdit
 from tests.engine.recovery.resimulate.edits import FPS, FRAMES, SOFT, run, uniform, waves
@@ -99,6 +100,26 @@ def test_what_the_clip_held_can_be_let_go(folder):
     loose = run(folder, BodyEdit("clip", "recovered", free="free.npy"), recovered=(held, recovery))["clip"].vertices
     never_held = run(folder, BodyEdit("clip", "recovered"), recovered=(body, recovery))["clip"].vertices
     np.testing.assert_allclose(loose, never_held, atol=1e-12)
+
+
+def test_a_held_object_bears_the_weight_that_it_had_in_the_clip_and_no_more(folder):
+    body, recovery = recovered_object()
+    x = body.particles.x
+    tip = dataclasses.replace(body.surface, vertices=x[-3:], attachment=Attachment(body.keypoints.index[-3:], np.ones((3, 1))))
+    held = dataclasses.replace(body, surface=tip, particles=dataclasses.replace(body.particles, pinned=x[:, 0] < 0.035))
+    calm = dataclasses.replace(recovery, v0=np.zeros_like(recovery.v0))
+
+    def sag(borne, **edit):
+        source = held, dataclasses.replace(calm, borne=borne)
+        found = run(folder, BodyEdit("clip", "recovered", **edit), field=uniform((0, 0, 0)), gravity=GRAVITY, recovered=source)
+        height = found["clip"].vertices[:, :, 2]
+        return height[1] - height[0]
+
+    weight = np.array(GRAVITY)
+    assert np.abs(sag(weight)).max() < 1e-9
+    assert sag(None).max() < -1e-3
+    # Of twice the mass half of the weight is borne: it begins to sag half as fast as one without a load.
+    np.testing.assert_allclose(sag(weight, mass_scale=2.0), 0.5 * sag(None), rtol=0.1)
 
 
 def test_what_the_clip_s_clamp_carried_along_is_carried_along_again(folder):
