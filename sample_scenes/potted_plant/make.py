@@ -98,17 +98,27 @@ def pot() -> tuple[np.ndarray, np.ndarray, tuple[float, float, float]]:
     return vertices, np.array(triangles, dtype=np.int32), (0.42, 0.16, 0.07)
 
 
+def turbulence(t: np.ndarray, rng: np.random.Generator, count: int = 12, scale: float = 0.3) -> np.ndarray:
+    """(T,) of unit variance at the times `t` [s]: waves of 0.1 to 4 Hz with von Kármán's spectrum (1 + 70.8 (f scale)²)^(-5/6), whose
+    integral time scale is `scale` [s]. A single tone would not do: near the plant's own frequency it cannot be told from its ringing."""
+    edges = np.geomspace(0.1, 4.0, count + 1)
+    f = edges[:-1] * (edges[1:] / edges[:-1]) ** rng.uniform(size=count)
+    power = (1.0 + 70.8 * (f * scale) ** 2) ** (-5.0 / 6.0) * np.diff(edges)
+    waves = np.cos(2.0 * np.pi * (f[:, None] * t + rng.uniform(size=(count, 1))))
+    return np.sqrt(2.0 * power / power.sum()) @ waves
+
+
 def wind(plate: Plate, rng: np.random.Generator, fps: float, frames: int) -> ForceFieldAnalytic:
     """A wind from the side in gusts, stronger higher up, which lifts some leaves and presses others down."""
     t = (np.arange(frames) + 0.5) / fps
-    gust = np.cos(2.0 * np.pi * t / rng.uniform(0.55, 0.65)) + 0.4 * np.cos(2.0 * np.pi * t / rng.uniform(0.32, 0.38))
-    uniform = np.stack([1.0 + 1.6 * gust, 0.04 * gust, 0.3 * gust], 1)
+    gust = turbulence(t, rng)
+    uniform = np.stack([0.5 + 0.4 * gust, 0.02 * gust, 0.1 * gust], 1)
     # half a wave over the height: sideways, so that it runs upward without divergence
     vectors = np.array([[0.0, 0.0, 2.0 * np.pi / 1.1], [2.0 * np.pi / 0.7, 0.0, 0.0]])
     phases = np.array([-2.0 * np.pi / 1.1 * (PLACE[2] + 0.2), 0.3])
     amplitude = np.zeros((frames, 2, 3))
-    amplitude[:, 0, 0] = 2.6 * gust
-    amplitude[:, 1, 2] = 0.8 * np.cos(2.0 * np.pi * t / rng.uniform(0.5, 0.7))
+    amplitude[:, 0, 0] = 0.7 * gust
+    amplitude[:, 1, 2] = 0.3 * turbulence(t, rng)
     box = np.array([[-0.6, -0.5, 0.2], [0.7, 0.5, 1.4]])
     return ForceFieldAnalytic(box, fps, frames, plate.density * uniform, vectors, phases, plate.density * amplitude)
 

@@ -1,7 +1,7 @@
 """The rendered carnation from a box to the report: benchmarks/footage/carnation/run.py DIR [OPTION ...], with what render.py left
 in DIR and options for `recover`.
 
-As docs/guide/real-footage.md says: `observe` with a box, then `recover` without gravity and with the place that `observe` proposes as held.
+As docs/guide/real-footage.md says: `observe` with a box, then `recover` with the place that `observe` proposes as held.
 Prints the outline's overlap with the masks, how much of it is curtain, where it is held, and seconds of the processor; exit code 1 says
 that a bar is missed. The take stays in DIR/carnation.take, with its frames. With --iterations 1 it is the draft that the guide speaks of.
 """
@@ -66,7 +66,7 @@ def main() -> int:
     if held.exists():
         shutil.copy(held, kept)
     pin = ["--pin", str(kept)] if held.exists() else []
-    result, spent, wall = run(take, "recover", *clip, *box, *pin, "--material", "plant_stem", "--no-gravity", *sys.argv[2:])
+    result, spent, wall = run(take, "recover", *clip, *box, *pin, "--material", "plant_stem", *sys.argv[2:])
     print(f"recover: {spent:.1f} s of the processor, {wall:.1f} s of the wall; {result['outcome']}")
     for one in result.get("warnings", []):
         print(f"  {one}")

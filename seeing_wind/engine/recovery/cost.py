@@ -44,8 +44,9 @@ FILE = "solver_speed.json"
 COLUMNS = 2.5
 """That are carried for all changes (`mpm.body.columns`), for each coefficient of a frame's force: 1.7 to 2.4 on development scenes."""
 
-OTHER = 1.5
-"""What a solve takes, learning the prior's sizes and linear algebra too, in units of its simulations: 1.15 to 1.9 on development clips."""
+OTHER = 1.0
+"""What a solve takes, learning the prior's sizes and linear algebra too, in units of what is foreseen of its simulations: 0.6 to 1.3 on
+development scenes of free and held bodies, 90 to 120 frames."""
 
 
 @dataclass(frozen=True)

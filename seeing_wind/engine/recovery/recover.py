@@ -120,7 +120,7 @@ def _still(
 ) -> tuple[np.ndarray, list[str]]:
     """(T,) bool, the frames without a force, as they were given or else by how a held body rings, and what to say of these.
 
-    With gravity a body that is at rest in frame 0's shape sags, so ringing about that shape is not what the solver's body would do.
+    A body on which gravity acts in frame 0's shape sags, so ringing about that shape is not what the solver's body would do.
     """
     given = still_frames(settings, len(sources[0].visible) - 1)
     if settings.still is not None or settings.ringing == "ignored" or not particles.pinned.any() or plastic or any(settings.gravity):

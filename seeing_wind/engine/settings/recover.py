@@ -43,7 +43,7 @@ class RecoverSettings:
     ringing: str = option(
         "found", label="Ringing", help="whether a time in which a held body swings by itself, and dies away, is still air", group=SOLVE,
         choices={
-            "found": "without gravity, and where --still says nothing, no force is looked for in it",
+            "found": "where its weight is borne or left out, and --still says nothing, no force is looked for in it",
             "ignored": "a force is looked for in it, as everywhere",
         },
     )  # fmt: skip
