@@ -24,7 +24,7 @@ from .constants import PACE
 from .first_field import FINELY, FLOWING, USUAL, Pace, follow, strayed
 from .forward import Forward
 from .gauss_newton import Solution, cost_of
-from .onward import Onward, continue_block, missed_by
+from .onward import Onward, astray, continue_block, lead_on, missed_by
 from .problem import whitened
 from .solver import Solver
 from .stiffness import Joint, Stiffness, shortened, stiffest
@@ -60,10 +60,11 @@ class BlockSolver(Solver):
 
     def run(self) -> Found:
         """All parts in order; where one iteration is all that is allowed, without the fine one."""
-        carried = continue_block(self, self.before) if self.before is not None else None
+        held = bool(self.particles.pinned.any())
+        carried = continue_block(self, self.before) if self.before is not None and held else None
         if carried is not None:
             forward, prior, found, used = carried
-            most, draft = min(max(0, self.iterations - used), USUAL.last_iterations), False
+            most, draft = min(max(0, self.iterations - used), FINELY.last_iterations), False
         else:
             forward, prior, found, used, most, draft = self._from_the_start()
         misfit = missed_by(self, found)
@@ -98,6 +99,13 @@ class BlockSolver(Solver):
         """
         pace = FLOWING if self._flows() else USUAL
         best, least, used = None, math.inf, 0
+        if self.before is not None and not self.particles.pinned.any():
+            try:
+                forward, prior, led = lead_on(self, self.before)
+            except SimulationError:
+                led = None
+            if led is not None and not astray(self, self.before, led):
+                return pace, forward, prior, led, led.iterations
         for one, (begin, solving, end) in ((pace, (0.02, 0.15, 0.2)), (FINELY, (0.2, 0.4, 0.45))):
             most = min(max(1, self.iterations - 1), one.coarse_iterations)
             try:

@@ -15,6 +15,7 @@ from functools import partial
 import numpy as np
 
 from ...mpm.state import Trajectory
+from ..prior.basis import SpatialBasis
 from ..prior.constants import PRIOR
 from ..prior.kernel import Kernel, Prior
 from ..prior.learning import prior_along, track_misfit
@@ -53,6 +54,10 @@ class Pace:
     duration: float = PRIOR.duration
     """The same in time [frames]."""
 
+    def modes(self, basis: SpatialBasis) -> SpatialBasis:
+        """Those of them that it has."""
+        return basis if self.degree is None else basis.up_to(self.degree)
+
 
 USUAL = Pace(degree=2, knot=4.0, segment=16, behind=8.0, leads_on=True, segment_iterations=1, coarse_iterations=1, fine_iterations=2)
 FLOWING = Pace(degree=2, knot=4.0, segment=5, behind=2.5, leads_on=False, segment_iterations=1, coarse_iterations=4, fine_iterations=3)
@@ -88,7 +93,7 @@ def follow(solver: Solver, pace: Pace, share: tuple[float, float]) -> FirstField
     objective, expected = solver.objective, solver.expected
     frames, size, component = objective.frames, expected.size, expected.component
     affine = solver.basis.up_to(1)
-    modes = solver.basis if pace.degree is None else solver.basis.up_to(pace.degree)
+    modes = pace.modes(solver.basis)
     knot = solver.knot(pace.knot)
     parts = math.ceil(frames / pace.segment)
     ends = [round(frames * (part + 1) / parts) for part in range(parts)]
