@@ -66,6 +66,17 @@ class Scene:
     """Nothing acts above `held_above`. Genesis lets a force move a held particle for one substep, so a clamp in a field creeps."""
 
 
+def long(shape: tuple, E: float, rho: float, seed: int, wave: float = 5.0, spin: Vector = REST) -> Scene:
+    """Three seconds in a uniform gust and two waves, which are drawn; the body sets out so that they do not carry it out of the grid."""
+    rng, waves = np.random.default_rng(seed), []
+    for gust in range(3):
+        towards, k = 1.2 * rng.normal(size=3), wave * rng.normal(size=3) * bool(gust)
+        rate, phase = rng.uniform(3.5, 8.0) * rng.choice([-1, 1]), rng.uniform(0.0, 6.28)
+        waves.append(Wave(tuple(map(float, towards)), tuple(map(float, k)), float(rate), float(phase)))
+    drift = sum(np.array(one.amplitude) * np.cos(one.phase) / one.rate for one in waves)
+    return Scene(shape, E, rho, tuple(waves), velocity=tuple(map(float, -drift)), spin=spin, frames=90)
+
+
 SCENES = {
     "sheet2": Scene(("box", (0.2, 0.2, 0.03)), 5e4, 250.0, (
         Wave((1.2, 1.8, 0.4), REST, 6.0, 0.4), Wave((0.8, 1.0, 0.7), (6, 0, 3), 4.0, 1.0), Wave((0.3, 0.9, -0.6), (2, 0, -7), 8.0, 2.2))),
@@ -92,6 +103,10 @@ SCENES = {
         Wave((0.3, 1.5, 0.1), REST, 5.0, 0.4), Wave((0.2, 1.2, 0.1), (12, 0, 5), -6.0, 1.0)), held_above=0.57),
     "flag3": Scene(("box", (0.2, 0.03, 0.3)), 6e4, 250.0, (
         Wave((0.5, 1.4, 0.1), REST, 5.0, 0.3), Wave((0.3, 1.1, 0.1), (3, 0.5, 1.5), 8.0, 1.0)), held_above=0.58),
+    "sheet3s": long(("box", (0.2, 0.2, 0.03)), 5e4, 250.0, 11),
+    "banner3s": long(("box", (0.24, 0.2, 0.03)), 3e4, 180.0, 13, wave=9.0, spin=(0.0, 1.0, 0.5)),  # at the grid's edge from frame 84 on
+    "ball3s": long(("ball", 0.08), 2e4, 300.0, 22, spin=(0.0, 1.0, 0.7)),
+    "block3s": long(("box", (0.14, 0.1, 0.08)), 3e4, 300.0, 23, wave=7.0, spin=(0.3, 0.0, 0.5)),
 }  # fmt: skip
 
 
