@@ -8,6 +8,7 @@ followed by steps of both.
 
 from __future__ import annotations
 
+import contextlib
 import math
 from dataclasses import dataclass, replace
 from functools import partial
@@ -93,19 +94,18 @@ class BlockSolver(Solver):
         return forward, prior, found, used + more, min(max(0, left - more), pace.last_iterations), False
 
     def _coarse_solution(self) -> tuple[Pace, Forward, Prior, Solution, int]:
-        """A coarse solution of the whole block, found at the usual pace, or finely where that one strays and finely it does less.
+        """A coarse solution of the whole block: led on from the block before; else found at the usual pace, or finely where that one
+        strays and finely it does less.
 
         Returns the pace, forward model, prior, solution, and the Jacobians used.
         """
         pace = FLOWING if self._flows() else USUAL
         best, least, used = None, math.inf, 0
         if self.before is not None and not self.particles.pinned.any():
-            try:
+            with contextlib.suppress(SimulationError):  # then it is followed from the start
                 forward, prior, led = lead_on(self, self.before)
-            except SimulationError:
-                led = None
-            if led is not None and not astray(self, self.before, led):
-                return pace, forward, prior, led, led.iterations
+                if not astray(self, self.before, led):
+                    return pace, forward, prior, led, led.iterations
         for one, (begin, solving, end) in ((pace, (0.02, 0.15, 0.2)), (FINELY, (0.2, 0.4, 0.45))):
             most = min(max(1, self.iterations - 1), one.coarse_iterations)
             try:

@@ -52,7 +52,7 @@ class PaceConstants:
         "Seen: 0.1 to 0.4 for leaves, posts and plants, 1.4 for a banner that turns edge-on, 6 for a flag that was lost.",
     )  # fmt: skip
     onward_iterations: int = constant(
-        6, "Jacobians", "Of a block that goes on from the one before, after the first: where it needs more, it begins anew.", COST
+        6, "Jacobians", "Of the fine solve of a held body's block that goes on from the one before, at most.", COST
     )
     refollow_worse: float = constant(
         1.5, "1", "The same of all targets, where it is this many times that of the motion the look-ahead led through: sparse knots may "
