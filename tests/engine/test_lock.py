@@ -138,7 +138,7 @@ def test_what_dead_processes_were_writing_is_cleared(tmp_path: Path) -> None:
     (tmp_path / "bodies").mkdir()
     left = [f".overlay.{dead}.part.mp4", f"bodies/.flag.{dead}.part.npz", f".checkpoint.000001.{dead}.part.safetensors"]
     stays = [f".overlay.{alive}.part.mp4", "overlay.mp4", ".overlay.part.mp4", ".a.b.part.c"]
-    for name in (*left, *stays):
+    for name in (*left, *stays, NAME):  # which each of them has held
         (tmp_path / name).write_text("")
     with held(Take(tmp_path), "recover", NoProgress()):
         assert not [name for name in left if (tmp_path / name).exists()]

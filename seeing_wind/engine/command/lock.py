@@ -13,13 +13,14 @@ import socket
 import stat
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import IO
 
 from ..errors import TakeError
 from ..progress import Progress
 from ..take import Take
+from . import inputs
 
 NAME = "take.lock"
 LONGEST = 1000
@@ -33,18 +34,22 @@ class TakeInUse(TakeError):
 
 
 @contextlib.contextmanager
-def held(take: Take, verb: str, progress: Progress) -> Iterator[Take]:
+def held(take: Take, verb: str, progress: Progress, reads: Iterable[tuple[str, Path]] = (), made: str = inputs.MADE) -> Iterator[Take]:
     """Hold a take for writing, from the moment that it is seen to be writable; what dead processes left half-written is removed.
 
     Args:
         verb: told to others.
         progress: warned where the file system knows no locks, so that nothing is held, and where somebody removed the lock meanwhile.
+        reads, made: what the job reads and writes, see `inputs.refuse_overwriting`.
 
     Raises:
+        UsageError: what is read, or a file in a folder that is no take, would be overwritten; nothing is written then.
         TakeInUse: another process holds it; the message says who, and since when.
         TakeError: the folder cannot be written.
     """
-    made = not take.path.exists()
+    inputs.refuse_overwriting(take, reads, made)
+    inputs.refuse_foreign(take)
+    new = not take.path.exists()
     take.prepare()
     try:
         with _opened(take.file(NAME)) as file:
@@ -69,7 +74,7 @@ def held(take: Take, verb: str, progress: Progress) -> Iterator[Take]:
             finally:
                 _sign(file, {})
     finally:
-        if made:
+        if new:
             _remove_if_empty(take)
 
 

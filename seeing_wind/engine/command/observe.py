@@ -19,6 +19,7 @@ from ..settings import BuildSettings, RecoverSettings
 from ..stages import observe_stage
 from ..take import Take
 from .arguments import observe_settings, settings_of
+from .inputs import inputs_of
 from .lock import held
 
 if TYPE_CHECKING:
@@ -41,7 +42,8 @@ def observe(arguments: argparse.Namespace, progress: Progress) -> dict[str, Any]
     require_clip(arguments.clip)
     settings = observe_settings(arguments)
     started = time.perf_counter()
-    with held(Take(arguments.take), arguments.verb, progress) as take, ThreadPoolExecutor(1) as beside, ThreadPoolExecutor(1) as reading:
+    holding = held(Take(arguments.take), arguments.verb, progress, inputs_of(arguments))
+    with holding as take, ThreadPoolExecutor(1) as beside, ThreadPoolExecutor(1) as reading:
         # What builds bodies takes most of a second to import, as long as the clip takes to read.
         beside.submit(import_module, "..observe.object.body", __package__)
         film = _Film()

@@ -17,6 +17,7 @@ from ..settings import BuildSettings, ObserveSettings, RecoverSettings, WindSett
 from ..stages import build_stage, check_sheet, check_solve, frame_loss, lift_stage, observe_stage, track_targets, write_gaussians
 from ..take import Take, stamp_of
 from .arguments import observe_settings, properties_of, settings_of
+from .inputs import inputs_of
 from .join import join
 from .lock import held
 from .reporting import diverged_result, report_result
@@ -115,7 +116,7 @@ def recover_one(arguments: argparse.Namespace, progress: Progress) -> Result:
     if arguments.form == "sheet":
         check_sheet(settings)  # by default the object's size decides, and it is told later
     endpoint = asked_model(arguments)
-    with held(Take(arguments.take), arguments.verb, progress) as take:
+    with held(Take(arguments.take), arguments.verb, progress, inputs_of(arguments)) as take:
         return _recover_into(take, arguments, settings, endpoint, progress)
 
 
@@ -257,7 +258,7 @@ def recover_trajectories(arguments: argparse.Namespace, progress: Progress) -> R
     particles, material = source.particles, source.material
     settings = settings_of(RecoverSettings, arguments, gravity=source.gravity, clamp_depth=source.clamp_depth)
     check_solve(settings, clip=False)
-    with held(take, arguments.verb, progress):
+    with held(take, arguments.verb, progress, inputs_of(arguments)):
         for note in source.notes:
             progress.warn(note)
         upstream = stamp_of("trajectories", Path(arguments.truth), material, source.targets)

@@ -11,6 +11,7 @@ from ..errors import SeeingWindError, UsageError
 from ..progress import Progress
 from ..take import Take, require_take
 from .batch.verb import batch
+from .inputs import inputs_of, refuse_overwriting
 from .join import join
 from .observe import observe
 from .recover import asked_model, recover, recover_trajectories
@@ -63,6 +64,7 @@ def identify(arguments: argparse.Namespace, progress: Progress) -> Result:
 
     endpoint = asked_model(arguments)
     assert endpoint is not None  # both options are required
+    refuse_overwriting(Take(arguments.take), inputs_of(arguments), r"objects\.json|objects/[^/]+\.png")
     Take(arguments.take).prepare()
     first = arguments.frames[0] if arguments.frames else 0
     frame = read_clip(arguments.clip, (first, first + 1), fps=1.0, progress=progress).frames[0]

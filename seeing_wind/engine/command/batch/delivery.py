@@ -7,7 +7,7 @@ import shutil
 from pathlib import Path
 
 from ... import systems
-from ...errors import TakeError, UsageError
+from ...errors import SeeingWindError, TakeError, UsageError
 from ...progress import Progress
 from ...settings.tables import names_in
 from ...take import Take
@@ -44,12 +44,15 @@ def _check_shippable(job: Job) -> None:
 
 
 def files_of(job: Job) -> list[Path]:
-    """All that a node needs: what the job reads, and what its takes hold already, so that finished stages are kept."""
+    """All that a node needs: what the job reads, and what its takes hold already, so that finished stages are kept.
+
+    A take's lock goes along: it is the only sign that a folder is a take before its first stage is stamped.
+    """
     files = [Path(os.path.abspath(path)) for path in job.reads()]
     for take in (job.take, job.edit_take):
         if take is not None and take.is_dir():
             leave = LEFT_HERE if take not in job.takes() else set()
-            files += [path for path in sorted(take.rglob("*")) if path.is_file() and path.name not in {lock.NAME, *leave}]
+            files += [path for path in sorted(take.rglob("*")) if path.is_file() and path.name not in leave]
     return list(dict.fromkeys(files))
 
 
@@ -95,9 +98,9 @@ class Incoming:
                     shutil.rmtree(former, ignore_errors=True)
                     systems.replace(take, former)
                 systems.replace(place, take)
-            except (OSError, TakeError) as error:
+            except (OSError, TakeError, UsageError) as error:
                 self._refused = True
-                said = error.message if isinstance(error, TakeError) else f"{take} cannot be replaced: {error.strerror or error}."
+                said = error.message if isinstance(error, SeeingWindError) else f"{take} cannot be replaced: {error.strerror or error}."
                 raise TakeError(said, f"What the farm made is in {place}.") from error
             shutil.rmtree(former, ignore_errors=True)
 

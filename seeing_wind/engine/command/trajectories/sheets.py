@@ -19,6 +19,7 @@ from ...settings import RecoverSettings, WindSettings
 from ...stages import check_sheet
 from ...take import Take, stamp_of
 from ..arguments import properties_of, settings_of
+from ..inputs import inputs_of
 from ..lock import held
 from ..reporting import report_result
 from .file import SHEET_KEYS, gravity_of, motion_of, number_in, values_of
@@ -55,7 +56,7 @@ def recover_sheet(arguments: argparse.Namespace, progress: Progress) -> dict[str
     check_sheet(settings)
     blown = settings_of(WindSettings, arguments)
     take = Take(arguments.take)
-    with held(take, arguments.verb, progress):
+    with held(take, arguments.verb, progress, inputs_of(arguments)):
         for note in notes:
             progress.warn(note)
         upstream = stamp_of("trajectories", Path(arguments.truth), source)

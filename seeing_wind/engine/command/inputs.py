@@ -1,0 +1,98 @@
+"""What a user gives, kept from being overwritten: inputs that lie where a take's own files go, and folders that hold somebody's files."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+from ..conventions import image_files, is_sequence
+from ..errors import UsageError
+from ..settings import BuildSettings, Edit, ObserveSettings, RecoverSettings, options_of
+from ..settings.tables import names_in
+from ..take import RESULTS, Take
+
+MADE = rf"{RESULTS.pattern}|bodies/[^/.][^/]*\.npz"
+"""Pattern of what the stages of a take write, from its folder on."""
+SIGNS = ("take.toml", "take.lock", "field.safetensors")
+"""A folder with one of them is a take: a job that is killed before it stamps its first stage leaves the lock."""
+PROPOSED = "held.png"
+"""What `observe` proposes as held, to be given back as --pin; no stage writes it then."""
+
+
+def inputs_of(arguments: argparse.Namespace) -> Iterator[tuple[str, Path]]:
+    """The files that the options of a verb name, and what a message calls each."""
+    for name in ("clip", "truth"):
+        if hasattr(arguments, name):
+            yield from ((str(file), file) for file in _files(getattr(arguments, name)))
+    files = [one for cls in (ObserveSettings, BuildSettings, RecoverSettings) for one in options_of(cls).values() if one.file]
+    for one in files:
+        given = getattr(arguments, one.name, None)
+        if given and not (one.name == "pin" and Path(given).name == PROPOSED):
+            yield f"{one.flag} {given}", Path(given)
+    for view in getattr(arguments, "view", ()):
+        yield from ((f"--view {name}", file) for name in view for file in _files(name))
+
+
+def inputs_of_edit(edit: Path) -> Iterator[tuple[str, Path]]:
+    """An edit's file and those that it names, and what a message calls each."""
+    yield str(edit), edit
+    yield from ((f"{name} of {edit}", edit.parent / name) for name in names_in(edit))
+
+
+def refuse_overwriting(take: Take, inputs: Iterable[tuple[str, Path]], made: str = MADE) -> None:
+    """See that no file that is read would be replaced by one that the job writes into the take.
+
+    Args:
+        inputs: what a message calls each, and its path.
+        made: pattern of the names that it writes, from the take's folder on, with '/' between folders.
+
+    Raises:
+        UsageError: one would.
+    """
+    home = Path(os.path.realpath(take.path))
+    for called, path in inputs:
+        if not os.path.isfile(path):  # told by the stage that reads it
+            continue
+        # A link in the take is replaced as well, wherever it leads.
+        for place in (Path(os.path.realpath(path)), Path(os.path.realpath(path.parent), path.name)):
+            if place.is_relative_to(home) and _is_made(home, place, made):
+                raise UsageError(
+                    f"{called} lies in the take {take.path} under the name of a file that is written there.",
+                    "Move or rename it, or choose another folder with --take.",
+                )
+
+
+def made_of(edit: Edit) -> str:
+    """Pattern of what a re-simulation of this edit may write, from its folder on; bodies of other edits are left as they are."""
+    return "|".join([RESULTS.pattern, *(re.escape(f"bodies/{body.name}.npz") for body in edit.body)])
+
+
+def refuse_foreign(take: Take) -> None:
+    """See that a folder that is no take yet holds no files that one would replace.
+
+    Raises:
+        UsageError: it does.
+    """
+    if not take.path.is_dir() or any(take.file(name).exists() for name in SIGNS):
+        return
+    for path in sorted([*take.path.iterdir(), *take.path.glob("bodies/*")]):
+        if path.is_file() and _is_made(take.path, path, MADE):
+            name = path.relative_to(take.path).as_posix()
+            raise UsageError(f"{take.path} is not a take and holds {name}.", "Choose another folder with --take.")
+
+
+def _files(clip: str) -> list[Path]:
+    """The files of a clip that may be no more than a file's name."""
+    return image_files(clip) if is_sequence(clip) else [Path(clip)]
+
+
+def _is_made(home: Path, path: Path, made: str) -> bool:
+    """Whether `path`, in `home`, is one of these files, also where the file system does not tell capitals."""
+    name = path.relative_to(home).as_posix()
+    if re.fullmatch(made, name):
+        return True
+    small = home / name.lower()
+    return re.fullmatch(made, name.lower()) is not None and small.exists() and os.path.samefile(small, path)

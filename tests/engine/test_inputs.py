@@ -1,0 +1,106 @@
+"""What a user gives is never overwritten by a job that writes a take beside it."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from seeing_wind.engine.command.arguments import parser
+from seeing_wind.engine.command.verbs import VERBS
+from seeing_wind.engine.errors import ClipError, UsageError
+from seeing_wind.engine.field import GustField
+from seeing_wind.engine.progress import NoProgress
+
+MINE = b"mine, and the only copy"
+
+
+def run(*words: object) -> dict:
+    arguments = parser().parse_args([str(word) for word in words])
+    return VERBS[arguments.verb](arguments, NoProgress())
+
+
+@pytest.fixture
+def mine(tmp_path: Path) -> Callable[[str], Path]:
+    """A file of the user's, of that name, in the folder `own`."""
+
+    def make(name: str) -> Path:
+        path = tmp_path / "own" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(MINE)
+        return path
+
+    return make
+
+
+def refused(path: Path, *words: object, says: str) -> None:
+    before = {each: each.read_bytes() for each in path.parent.rglob("*") if each.is_file()}
+    with pytest.raises(UsageError, match=says) as error:
+        run(*words)
+    assert error.value.exit_code == 2 and "--take" in error.value.hint
+    assert {each: each.read_bytes() for each in path.parent.rglob("*") if each.is_file()} == before
+
+
+@pytest.mark.parametrize(("verb", "name"), [("observe", "preview.mp4"), ("recover", "overlay.mp4"), ("recover", "resimulated.mp4")])
+def test_a_clip_in_the_take_under_the_name_of_a_takes_file_stays(mine, verb: str, name: str) -> None:
+    path = mine(name)
+    refused(path, verb, path, "--take", path.parent, "--box", 1, 1, 9, 9, says=f"{name} lies in the take")
+    # A link has a name, too, and is what a result would take the place of.
+    if hasattr(os, "symlink"):
+        link = path.with_name("report.png")
+        link.symlink_to(path.rename(path.with_name("clip.mp4")))
+        refused(link, verb, link, "--take", path.parent, "--box", 1, 1, 9, 9, says="report.png lies in the take")
+
+
+def test_so_do_all_that_options_name(mine, tmp_path: Path) -> None:
+    clip = tmp_path / "clip.mp4"
+    clip.write_bytes(MINE)
+    for verb in ("observe", "recover"):
+        for option, name in [("tracks", "observation.npz"), ("mask", "preview.png"), ("camera", "report.json"), ("pin", "report.png")]:
+            path = mine(name)
+            refused(path, verb, clip, "--take", path.parent, f"--{option}", path, says=f"--{option} .*{name} lies in the take")
+    path, second = mine("wind.json"), clip.with_name("second.mp4")
+    second.write_bytes(MINE)
+    refused(path, "recover", clip, "--take", path.parent, "--view", second, path, clip, says="--view .*wind.json lies in the take")
+
+
+def test_so_do_trajectories(tmp_path: Path) -> None:
+    (tmp_path / "own").mkdir()
+    path = tmp_path / "own" / "trajectory.npz"
+    x = 0.1 * np.stack(np.meshgrid(*[np.arange(3.0)] * 3, indexing="ij"), -1).reshape(-1, 3)
+    np.savez(path, x=np.stack([x - [0, 0, 0.01 * t * t] for t in range(6)]), fps=24.0, E=1e5)
+    refused(path, "recover-trajectories", path, "--take", path.parent, says="lies in the take")
+
+
+def test_so_do_an_edit_and_the_meshes_that_it_names(mine, tmp_path: Path) -> None:
+    take, edit = tmp_path / "windy.take", tmp_path / "edit.toml"
+    take.mkdir()
+    GustField(1, np.array([[0.0] * 3, [1.0] * 3]), 25.0, 4, np.zeros(3), 2.0).save(take / "field.safetensors")
+    mesh = mine("bodies/leaf.npz")
+    edit.write_text('[[body]]\nname = "leaf"\nmesh = "own/bodies/leaf.npz"\n')
+    refused(mesh, "resimulate", take, "--edit", edit, "--take", mesh.parents[1], says="leaf.npz of .* lies in the take")
+    edit.rename(tmp_path / "own" / "resimulation.json")
+    edit = tmp_path / "own" / "resimulation.json"
+    refused(edit, "resimulate", take, "--edit", edit, "--take", edit.parent, says="resimulation.json lies in the take")
+
+
+@pytest.mark.parametrize("name", ["report.json", "bodies/leaf.npz"])
+def test_a_folder_of_somebody_s_files_does_not_become_a_take(mine, tmp_path: Path, name: str) -> None:
+    path, clip = mine(name), tmp_path / "clip.mp4"
+    clip.write_bytes(MINE)
+    folder = tmp_path / "own"
+    refused(path, "recover", clip, "--take", folder, "--box", 1, 1, 9, 9, says=f"own is not a take and holds {name}")
+
+
+@pytest.mark.parametrize("sign", ["take.toml", "take.lock"])
+def test_a_take_goes_on_whatever_files_it_holds_and_what_it_proposed_is_read(mine, tmp_path: Path, sign: str) -> None:
+    """A job that was killed before it stamped its first stage has left no more than the lock. The clip is none, which is told after."""
+    clip, held = tmp_path / "clip.mp4", mine("held.png")
+    mine("observation.npz").with_name(sign).write_text("format = 1\n")
+    clip.write_bytes(MINE)
+    with pytest.raises(ClipError):
+        run("recover", clip, "--take", held.parent, "--box", 1, 1, 9, 9, "--pin", held)
+    assert held.read_bytes() == MINE
