@@ -8,6 +8,7 @@ import pytest
 
 from seeing_wind.engine.command.arguments import Parser, parser, settings_of
 from seeing_wind.engine.errors import UsageError
+from seeing_wind.engine.materials import DEFAULT
 from seeing_wind.engine.settings import (
     BodyEdit,
     BuildSettings,
@@ -96,3 +97,8 @@ def test_each_definition_says_what_it_is_and_its_default_keeps_to_it() -> None:
                 if value is not None:
                     one.check(value, one.name)
             assert one.optional or one.default is not None or one.name in ("name", "mesh"), one.name
+
+
+def test_what_an_inserted_mesh_is_made_of_is_said() -> None:
+    """`resimulate` fills it with the library's default, not with what was recovered."""
+    assert f"{DEFAULT} for a mesh" in options_of(BodyEdit)["material"].summary(None)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ..conventions import GRAVITY
-from ..materials import MOST_LOSS
+from ..materials import DEFAULT, MOST_LOSS
 from .build import material_options
 from .option import option
 
@@ -20,7 +20,10 @@ class BodyEdit:
     mesh: str = option(
         help='OBJ, PLY, or NPZ with vertices (V,3) m and triangles (M,3); or "recovered": the object of the clip', file=True, panel=""
     )
-    material: str | None = option(None, help="a preset of the material library", otherwise="the recovered one", panel="main")
+    material: str | None = option(
+        None, help="a preset of the material library", otherwise=f"the recovered one for the recovered object, {DEFAULT} for a mesh",
+        panel="main",
+    )  # fmt: skip
     density: float | None = OF_A_BODY["density"]
     youngs_modulus: float | None = OF_A_BODY["youngs_modulus"]
     poisson_ratio: float | None = OF_A_BODY["poisson_ratio"]
