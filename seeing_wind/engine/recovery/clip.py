@@ -59,7 +59,7 @@ def still_frames(settings: RecoverSettings, frames: int) -> np.ndarray:
         if not inside or still.all():
             wrong = "is all frames of the clip" if inside else "names frames that the clip does not have"
             raise UsageError(
-                f"--still {first}:{last} {wrong}: it has the frames 0 to {frames - 1}.",
+                f"--still {first}:{last} {wrong}: it has the frames 0 to {frames}.",
                 "Name the frames in which the air is still; in the others a force is looked for.",
             )
     return still

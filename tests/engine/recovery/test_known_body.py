@@ -125,5 +125,5 @@ def test_still_frames_are_some_of_the_clip_s():
     for last in (4, 5):  # the last frame, or the last frame
         np.testing.assert_array_equal(still_frames(RecoverSettings(still=(2, last)), 5), [False, False, True, True, True])
     for wrong, says in (((7, 9), "does not have"), ((2, 9), "does not have"), ((0, 4), "all frames")):
-        with pytest.raises(UsageError, match=says):
+        with pytest.raises(UsageError, match=f"{says}.*the frames 0 to 5"):
             still_frames(RecoverSettings(still=wrong), 5)
