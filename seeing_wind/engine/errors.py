@@ -72,6 +72,11 @@ class TakeError(SeeingWindError):
     """The take on disk is missing, unreadable, or lacks the stage that is asked for."""
 
 
+def extra(name: str) -> str:
+    """How an optional part of the engine is installed, as the guides say it: no index of packages has this project."""
+    return f'pip install "PROJECT[{name}]", PROJECT being the folder of this project'
+
+
 class MissingPackage(SeeingWindError):
     """A Python package that this job needs is not installed in the engine's environment."""
 

@@ -10,9 +10,11 @@ import sys
 from collections.abc import Callable
 from typing import Any
 
+from ..errors import extra
+
 REQUIRED = ("numpy", "scipy", "torch", "opencv-python-headless", "safetensors", "trimesh", "matplotlib")
 """Besides the compiler that the solver was told to use: the check *solver* tries that one."""
-OPTIONAL = {"transformers": "optional perception models: `pip install seeing-wind[models]`"}
+OPTIONAL = {"transformers": f"Optional perception models: {extra('models')}."}
 
 
 def examine() -> list[dict[str, Any]]:

@@ -1,6 +1,6 @@
 """The one door to Ray: a cluster whose nodes have this very engine, and jobs that run on it.
 
-Ray is an optional package (`pip install "seeing-wind[farm]"`), in the engine's environment of every node.
+Ray is an optional package (`errors.extra("farm")`), in the engine's environment of every node.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from typing import Any
 
-from ...errors import MissingPackage, SeeingWindError, UsageError
+from ...errors import MissingPackage, SeeingWindError, UsageError, extra
 from .needs import Needs
 from .node import Order, edition
 from .process import Message
@@ -50,7 +50,7 @@ class Cluster:
             import ray
             from ray.util import scheduling_strategies
         except ImportError as error:
-            raise MissingPackage("The engine's Python lacks Ray.", 'Install it with `pip install "seeing-wind[farm]"`.') from error
+            raise MissingPackage("The engine's Python lacks Ray.", f"Install it: {extra('farm')}.") from error
         if address.startswith("ray://"):
             raise UsageError(
                 f"{address} is an address for Ray's client.", "Join the cluster with `ray start --address=HOST:6379` and use --ray auto."

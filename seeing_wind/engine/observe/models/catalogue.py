@@ -6,6 +6,8 @@ import importlib.util
 from dataclasses import dataclass
 from pathlib import Path
 
+from ...errors import extra
+
 CONVERT = (
     'python -c "import torch, safetensors.torch as s; '
     "s.save_file(torch.load('scaled_offline.pth', weights_only=True), 'model.safetensors')\""
@@ -31,7 +33,7 @@ class Known:
 
 
 def _hub(task: str, name: str, licence: str, commercial: bool = True) -> Known:
-    return Known(task, name, licence, commercial, f"pip install seeing-wind[models]; hf download {name}")
+    return Known(task, name, licence, commercial, f"{extra('models')}; hf download {name}")
 
 
 KNOWN = (

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import torch
 
-from ...errors import ModelError
+from ...errors import ModelError, extra
 from ...progress import Progress
 from ...reading import read_json
 from .catalogue import known
@@ -21,7 +21,7 @@ from .folders import config_of, find, load, load_plain, package
 IMAGENET = ((0.485, 0.456, 0.406), (0.229, 0.224, 0.225))
 HALF = ((0.5, 0.5, 0.5), (0.5, 0.5, 0.5))
 
-TRANSFORMERS = "Install it: pip install seeing-wind[models]."
+TRANSFORMERS = f"Install it: {extra('models')}."
 
 ODD_VIEW = 1.15
 """Ratio between the field of view that a network sees and the camera's from which the user is told."""

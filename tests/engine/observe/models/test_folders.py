@@ -10,6 +10,7 @@ import pytest
 import torch
 from safetensors.torch import save_file
 
+from seeing_wind.engine.command.doctor import optional_models
 from seeing_wind.engine.errors import MissingPackage, ModelError
 from seeing_wind.engine.observe.models.catalogue import KNOWN, cached, known
 from seeing_wind.engine.observe.models.depth import predict_depth
@@ -108,3 +109,9 @@ def test_the_doctor_lists_models_with_licence_and_advice(empty_cache: Path) -> N
     pro = checks["depth model apple/DepthPro-hf"]
     assert not pro["ok"] and "no commercial use" in pro["detail"] and "hf download" in pro["advice"]
     assert "no commercial" not in checks["mask model facebook/sam2.1-hiera-tiny"]["detail"]
+
+
+def test_what_an_optional_package_needs_is_said_as_it_works() -> None:
+    """No index of packages has this project, so its folder is what is installed."""
+    advice = [check["advice"] for check in optional_models() if "hf download" in check["advice"] and "git+" not in check["advice"]]
+    assert len(advice) > 4 and all(one.startswith('pip install "PROJECT[models]", PROJECT being the folder') for one in advice)
