@@ -165,6 +165,6 @@ def test_a_folder_that_cannot_be_written_is_told_before_anything_is_simulated(ed
 
 def test_what_makes_a_field_useless_is_said_first() -> None:
     useless, far = f"22 px off. {DISTRUST}: check.", f"In frame 3 the body is far off: {EXPLAINS_NOTHING}."
-    unheld = f"{UNHELD}; the force found is what holds the body up."
+    unheld = f"{UNHELD}; the force found may be only what holds the body up."
     notes = ["a knot every 4 frames", unheld, "the body hardly moves", useless, far]
     assert worst_first(notes) == [useless, far, unheld, "a knot every 4 frames", "the body hardly moves"]

@@ -94,7 +94,7 @@ def test_the_answer_to_gravity_has_two_ways_out(workplace, scene) -> None:
     assert not offered()
     report = workplace / "out.take" / "report.json"
     said = json.loads(report.read_text())
-    report.write_text(json.dumps({**said, "notes": [f"{UNHELD}; the force found is what holds the body up."]}))
+    report.write_text(json.dumps({**said, "notes": [f"{UNHELD}; the force found may be only what holds the body up."]}))
     bpy.ops.seeing_wind.build_scene(take=str(workplace / "out.take"))
     assert len(offered()) == 2
     bpy.ops.wm.save_as_mainfile(filepath=str(workplace / "held.blend"))

@@ -149,7 +149,9 @@ def force_remarks(acceleration: np.ndarray, density: float, x: np.ndarray, fps: 
 
 
 def reaction_remarks(particles: Particles, acceleration: np.ndarray, x: np.ndarray, gravity: Sequence[float]) -> list[str]:
-    """On a body that stays in its place though nothing was marked as held: what the mean acceleration (T, N, 3) [m/s²] answers is gravity.
+    """On a body that stays in its place though nothing was marked as held, and whose mean acceleration (T, N, 3) [m/s²] answers gravity.
+
+    Whether that is a support or a wind that blows upwards, the motion does not tell.
 
     A body that glides also has its weight carried, by air, but leaves its place x (T+1, N, 3) [m] by more than its own radius.
     """
@@ -160,8 +162,8 @@ def reaction_remarks(particles: Particles, acceleration: np.ndarray, x: np.ndarr
     if particles.pinned.any() or leaves or not carried:
         return []
     return [
-        f"{UNHELD}; the force found is what holds the body up against gravity, not a wind. Mark what is held, or recover "
-        "without gravity."
+        f"{UNHELD}; the force found is as large as the body's weight, so it may be only what holds the body up, not a wind. If something "
+        "holds it, mark that, or recover without gravity."
     ]
 
 
