@@ -142,6 +142,17 @@ def test_a_report_that_cannot_be_written_is_an_exit_code_of_its_own(engine, squa
     engine("export", tmp_path / "t.take", "--format", "npz", "--out", field, expect=2)
 
 
+def test_what_is_wrong_with_the_options_of_a_solve_is_said_of_the_clip_and_a_material_that_was_not_told_in_the_result(
+    engine, square: Path, tmp_path: Path
+) -> None:
+    words = ["recover", square, "--take", tmp_path / "t.take", "--box", 12, 10, 32, 30, "--distance", 2, "--frames", "1:5"]
+    assert "40:90 names frames that are not used: 1 to 5 are." in engine(*words, "--still", "40:90", expect=2)[-2]["message"]
+    quick = ["--iterations", 1, "--representation", "point", "--report", "none"]
+    asked = ["--material-endpoint", "http://localhost:1/v1", "--material-model", "any"]
+    result = engine(*words, *quick, *asked, expect=0)[-1]
+    assert any("The material leaf is used instead" in note for note in result["notes"])
+
+
 def test_the_take_is_no_folder_of_the_clip_s_frames(engine, tmp_path: Path) -> None:
     for number in range(3):
         cv2.imwrite(str(tmp_path / f"{number}.png"), np.full((40, 40, 3), 90, np.uint8))

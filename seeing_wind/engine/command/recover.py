@@ -131,11 +131,11 @@ def _recover_into(
     seconds = dict[str, float]()
     observing = observe_settings(arguments)
     observation, seen = _timed(seconds, "observe", lambda: observe_stage(take, arguments.clip, observing, progress))
-    building = settings_of(BuildSettings, arguments)
+    building, asked = settings_of(BuildSettings, arguments), list[str]()
     if endpoint is not None:
         from ..observe.models.language import ask_material
 
-        building = _timed(seconds, "material", lambda: ask_material(take, endpoint, observation, building, progress))
+        building, asked = _timed(seconds, "material", lambda: ask_material(take, endpoint, observation, building, progress))
     body, upstream = _timed(seconds, "build", lambda: build_stage(take, observation, seen, building, progress))
     targets = [track_targets(observation, body)]
     if arguments.view:
@@ -155,7 +155,7 @@ def _recover_into(
             return diverged_result(recovery)
         field = fitted
         wind = wind_stage(take, body, body.particles, body.material, recovery, observation.fps, blown, settings, progress)
-    notes = [*wind.notes, *recovery.notes, *doubt_remarks(observation, observing)]
+    notes = [*asked, *wind.notes, *recovery.notes, *doubt_remarks(observation, observing)]
     recovery = dataclasses.replace(recovery, notes=worst_first(notes))
 
     def draw(journal: Journal) -> dict[str, Any]:
@@ -236,7 +236,7 @@ def _from_first(still: tuple[int, int], first: int, frames: int) -> tuple[int, i
     """The still frames, counted from the first of the `frames` that are read, which is the clip's number `first`."""
     if still[0] < first or still[1] > first + frames:
         raise UsageError(
-            f"--still {still[0]}:{still[1]} names frames that are not used: those are {first} to {first + frames - 1}.",
+            f"--still {still[0]}:{still[1]} names frames that are not used: {first} to {first + frames} are.",
             "Name the frames in which the air is still; in the others a force is looked for.",
         )
     return still[0] - first, still[1] - first

@@ -202,20 +202,23 @@ def kept_estimate(take: Take, endpoint: Endpoint, frame: np.ndarray, mask: np.nd
     return found
 
 
-def ask_material(take: Take, endpoint: Endpoint, observation: Observation, settings: BuildSettings, progress: Progress) -> BuildSettings:
-    """`settings` with the model's numbers for the observed object; numbers that the user gave win.
+def ask_material(
+    take: Take, endpoint: Endpoint, observation: Observation, settings: BuildSettings, progress: Progress
+) -> tuple[BuildSettings, list[str]]:
+    """`settings` with the model's numbers for the observed object; numbers that the user gave win. And notes for the result.
 
-    Where the endpoint does not answer, or answers nonsense, the user is warned and the settings' own material stays.
+    Where the endpoint does not answer, or answers nonsense, the settings' own material stays, and a warning and a note say so.
     """
     progress.begin("material", f"asking {endpoint.name} what the object is made of")
     try:
         found = kept_estimate(take, endpoint, observation.image, observation.masks[0], progress)
     except ModelError as error:
-        progress.warn(f"{error.message} The material {settings.material} is used instead. {error.hint}")
-        return settings
+        note = f"{error.message} The material {settings.material} is used instead. {error.hint}"
+        progress.warn(note)
+        return settings, [note]
     stiff = in_units(found.youngs_modulus, "Pa", 2)
     progress.update(1.0, f"{found.object}, {found.material}: {found.density:.0f} kg/m³, {stiff}, {found.type}")
-    return with_estimate(settings, found, endpoint.name)
+    return with_estimate(settings, found, endpoint.name), []
 
 
 def with_estimate(settings: BuildSettings, found: Estimate, by: str) -> BuildSettings:

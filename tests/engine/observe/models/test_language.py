@@ -128,7 +128,9 @@ def test_damaged_or_forged_kept_answers_are_asked_again(server, tmp_path: Path, 
 def test_estimates_fill_what_the_user_left_open(server, tmp_path: Path) -> None:
     server.answers = [WHAT, NUMBERS]
     seen = Seen(FRAME, MASK[None])
-    settings = ask_material(Take(tmp_path), endpoint_of(server.url, "any"), seen, BuildSettings(density=500.0), NoProgress())  # type: ignore[arg-type]
+    endpoint = endpoint_of(server.url, "any")
+    settings, notes = ask_material(Take(tmp_path), endpoint, seen, BuildSettings(density=500.0), NoProgress())  # type: ignore[arg-type]
+    assert not notes
     assert (settings.density, settings.youngs_modulus, settings.law, settings.estimated_material) == (500.0, 1.2e6, "neo_hookean", "latex")
     assert settings.estimated_by == "balloon, by any at 127.0.0.1"
 
@@ -138,9 +140,12 @@ def test_an_unreachable_endpoint_is_a_warning_and_the_fallback(server, tmp_path:
     server.close()
     told: list[dict] = []
     settings = BuildSettings(material="cotton")
-    assert ask_material(Take(tmp_path), endpoint, Seen(FRAME, MASK[None]), settings, Progress(told.append)) == settings  # type: ignore[arg-type]
+    seen = Seen(FRAME, MASK[None])
+    kept, notes = ask_material(Take(tmp_path), endpoint, seen, settings, Progress(told.append))  # type: ignore[arg-type]
+    assert kept == settings
     warning = [message["message"] for message in told if message["type"] == "warning"]
     assert len(warning) == 1 and "does not answer" in warning[0] and "cotton" in warning[0]
+    assert notes == warning
 
 
 @pytest.mark.parametrize(("status", "says"), [(401, KEY_VARIABLE), (404, "model's name"), (500, "server runs")])
