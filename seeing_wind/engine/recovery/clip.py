@@ -5,6 +5,7 @@ Each block starts from the state that the one before reached well before its end
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import dataclass, replace
 from functools import partial
@@ -39,7 +40,7 @@ from .solve.block import BlockSolver
 from .solve.constants import PACE
 from .solve.onward import Onward
 from .solve.section import section_axes
-from .solve.stiffness import Stiffness, covariance_with, remark, scaled, youngs_modulus
+from .solve.stiffness import Stiffness, covariance_with, remark, scaled, stiffer, youngs_modulus
 from .targets.objective import Objective
 from .targets.points import PointChannels
 from .targets.tracks import TrackChannels
@@ -198,7 +199,7 @@ class Clip:
         acceleration = np.concatenate([one.acceleration for one in kept])
         wild = np.concatenate([one.wild for one in kept])
         residual = self.objective.root_mean_square(x)
-        held_up = self._remark(x, acceleration, material.density, residual, views, wild)
+        held_up = self._remark(x, acceleration, material, residual, views, wild)
         deviation = self._deviation(np.concatenate([one.deviation for one in kept]), x, held_up)
         return Recovery(
             outcome=Outcome.CONVERGED if all(one.converged for one in kept) else Outcome.MAX_ITERATIONS,
@@ -225,7 +226,7 @@ class Clip:
         )
 
     def _remark(
-        self, x: np.ndarray, acceleration: np.ndarray, density: float, residual: np.ndarray, views: int, wild: np.ndarray
+        self, x: np.ndarray, acceleration: np.ndarray, material: Material, residual: np.ndarray, views: int, wild: np.ndarray
     ) -> bool:
         """Note what the motion x (T+1, N, 3) [m] and the acceleration (T, N, 3) [m/s²] do not tell, the worst first.
 
@@ -243,15 +244,23 @@ class Clip:
         self.notes += wild_remarks(self.objective.channels)
         self.notes += end_remarks(wild)
         if not self.particles.pinned.any():
-            self.notes += force_remarks(acceleration, density, x, self.fps, self.settings.gravity)
+            self.notes += force_remarks(acceleration, material.density, x, self.fps, self.settings.gravity)
         held_up = reaction_remarks(self.particles, acceleration, x, self.settings.gravity)
         self.notes[:0] = held_up
         if lost:
             self.notes.insert(0, f"{lost} {DISTRUST}: check the outline, the tracks and the scale.")
         elif views:
             self.notes[:0] = far_off(self.particles, self.objective.channels, x, residual)
-        self.notes += remark(self.stiffness, self.model, self.particles)
+        self.notes += self._stiffness_remark(material)
         return bool(held_up)
+
+    def _stiffness_remark(self, material: Material) -> list[str]:
+        """What the motion tells of the stiffness, beside what was given: another clip's, or the material's, not as far softened."""
+        if not self.stiffness.known:
+            return remark(self.stiffness, self.model, self.particles)
+        given = float(self.stiffness.expected[0]) or math.log(material.youngs_modulus / youngs_modulus(self.model, self.particles))
+        beside = self.stiffness.at(self.stiffness.q - [given, 0.0, 0.0, 0.0], self.stiffness.covariance)
+        return remark(beside, stiffer(self.model, math.exp(given)), self.particles)
 
     def _deviation(self, posterior: np.ndarray, x: np.ndarray, held_up: bool) -> np.ndarray:
         """(T, N, 3) of the acceleration [m/s²]: the posterior's, what the motion misses, and gravity where only that is answered."""

@@ -24,7 +24,7 @@ from .clip import Clip, still_frames
 from .diagnostics.remarks import BORNE, moving_clamp_remark, ringing_remarks
 from .solve.constants import PACE
 from .solve.known_body import KnownBody
-from .solve.stiffness import Stiffness, is_free
+from .solve.stiffness import Stiffness, is_free, youngs_modulus
 from .targets.channels import views_of
 from .targets.clamp_motion import clamp_motion
 from .targets.objective import Channels, Objective
@@ -90,7 +90,11 @@ def recover(
         still,
     )  # fmt: skip
     views = len(sources) if isinstance(sources[0], TrackTargets) else 0
-    found = replace(clip.result(clip.solved(), material, views, began), borne=borne)
+    kept = clip.solved()
+    if clip.stiffness.known and clip.stiffness.s < 0.0:  # the notes told of a body as stiff as its material
+        softer = replace(material, youngs_modulus=youngs_modulus(model, particles, clip.stiffness.s))
+        clip.notes[len(notes) : len(notes) + len(model_notes)] = _model(particles, softer, channels, fps, settings, plastic)[1]
+    found = replace(clip.result(kept, material, views, began), borne=borne)
     return found if moving is None else moving.carried(found, material.density, np.asarray(settings.gravity), model.gravity)
 
 

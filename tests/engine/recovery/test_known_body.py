@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from seeing_wind.engine.conventions import in_units
 from seeing_wind.engine.errors import UsageError
 from seeing_wind.engine.mpm.model_for import model_for
 from seeing_wind.engine.progress import NoProgress
@@ -82,6 +83,18 @@ def test_a_body_known_from_another_clip_keeps_its_stiffness_in_one_that_tells_li
     assert error(told, body, wind) < 0.8 * error(alone, body, wind)
     fixed = recover(body, SOFT, seen, FPS, replace(WEIGHTLESS, stiffness="given"), NoProgress(), known=known)
     assert fixed.youngs_modulus == pytest.approx(known.youngs_modulus) and fixed.clamp_depth == pytest.approx(known.clamp / fixed.cell)
+
+
+def test_notes_tell_of_the_body_as_stiff_as_it_was_found(rung):
+    """Not as the preset, which the solver would have had to soften, and nobody gave."""
+    body, known = rung[0], KnownBody.of(rung[3], "other.take")
+    x, _ = blow(body, breath, 5)
+    steel = replace(RUBBER, youngs_modulus=1e9)
+    settings = replace(WEIGHTLESS, stiffness="given", iterations=1)
+    found = recover(body, steel, [points(body, x)], FPS, settings, NoProgress(), known=known)
+    assert found.youngs_modulus == pytest.approx(known.youngs_modulus)
+    assert not any("too stiff for the solver" in note for note in found.notes)
+    assert [note for note in found.notes if "(as given" in note and in_units(known.youngs_modulus, "Pa") in note]
 
 
 def test_a_known_body_holds_for_other_particles_of_the_same_thing(rung):
