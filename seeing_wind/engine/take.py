@@ -175,8 +175,14 @@ class Take:
             return {}
         try:
             values = read_toml(path)
-            if values.get("format", FORMAT) != FORMAT:
-                raise ValueError(f"its format is {values['format']!r}, and this version of Seeing Wind reads format {FORMAT}")
+            found = values.get("format", FORMAT)
+            if type(found) is int and found > FORMAT:
+                raise TakeError(
+                    f"{path} cannot be read: its format is {found}, of a newer version of Seeing Wind, and this one reads format {FORMAT}.",
+                    "Update Seeing Wind, or choose another folder.",
+                )
+            if type(found) is not int or found != FORMAT:
+                raise ValueError(f"its format is {found!r}, and there is only {FORMAT}")
             stages = values.get("stages", {})
             if not isinstance(stages, dict) or not all(isinstance(stage, dict) for stage in stages.values()):
                 raise ValueError("its stages are no tables")
@@ -233,10 +239,12 @@ def require_take(path: str) -> Take:
 
     Raises:
         UsageError: when there is none at `path`.
+        TakeError: when its description cannot be read, or is of a newer format; one that is not there is none, and no obstacle.
     """
     take = Take(path)
     if not take.file("field.safetensors").is_file():
         raise UsageError(f"{path} holds no recovered field.", "Run `recover` with --take for this folder first.")
+    take.description()
     return take
 
 

@@ -14,7 +14,7 @@ from seeing_wind.engine.errors import TakeError, UsageError
 from seeing_wind.engine.record_arrays import from_arrays, to_arrays
 from seeing_wind.engine.records import Outcome, Recovery
 from seeing_wind.engine.settings import BuildSettings
-from seeing_wind.engine.take import Take, stamp_of
+from seeing_wind.engine.take import Take, require_take, stamp_of
 
 
 def recovery() -> Recovery:
@@ -115,11 +115,21 @@ def test_a_damaged_description_is_an_error_that_says_so(tmp_path: Path) -> None:
             Take(tmp_path).is_done("recover", "a")
 
 
-def test_a_take_of_another_format_is_left_alone(tmp_path: Path) -> None:
+def test_a_take_of_a_newer_format_is_left_alone(tmp_path: Path) -> None:
     (tmp_path / "take.toml").write_text("format = 99\n")
-    with pytest.raises(TakeError, match="format is 99"):
+    with pytest.raises(TakeError, match="format is 99.*Update Seeing Wind"):
         Take(tmp_path).finish("observe", "stamp", {})
     assert (tmp_path / "take.toml").read_text() == "format = 99\n"
+
+
+@pytest.mark.parametrize("text", ["format = 99\n", "format = 0\n", 'format = "x"\n', "format = true\n", "format = 1\nstages = [\n", ""])
+def test_what_reads_a_take_refuses_one_that_it_does_not_understand(tmp_path: Path, text: str) -> None:
+    (tmp_path / "field.safetensors").touch()
+    assert require_take(str(tmp_path)).path == tmp_path, "a field alone can be sampled"
+    (tmp_path / "take.toml").write_text(text)
+    with pytest.raises(TakeError, match=r"take\.toml cannot be read") as error:
+        require_take(str(tmp_path))
+    assert ("Update" in error.value.hint) == ("99" in text) and ("Remove it" in error.value.hint) == ("99" not in text)
 
 
 @pytest.mark.parametrize("made", ["take.toml", "field.safetensors"])
