@@ -117,7 +117,7 @@ def simulate_bodies(
             torn = _torn_note(body.vertices, body.triangles, edit.preroll)
             beyond = forces.outside_note(x[edit.preroll :]) if forces is not None else []
             # the worst first
-            remarks = [*torn, *around.place_notes(x[edit.preroll :]), *beyond, *body.notes]
+            remarks = [*torn, *around.place_notes(x[edit.preroll :]), *beyond, *body.notes, *_short_note(edit.frames, field.frames)]
             for note in remarks:
                 progress.warn(f"{actor.edit.name}: {note}")
             done[actor.edit.name] = dataclasses.replace(body, vertices=body.vertices[edit.preroll :], notes=remarks)
@@ -279,6 +279,11 @@ def _release(state: State, actors: Sequence[Actor], slices: Sequence[slice], fra
         if actor.edit.start_frame == frame:
             v[part] = actor.velocity
     return State(state.x, v, state.C, state.F)
+
+
+def _short_note(asked: int | None, frames: int) -> list[str]:
+    """A note if more frames were asked for than a field has."""
+    return [f"frames is {asked}, but the field has {frames}: so many are simulated"] if asked is not None and asked > frames else []
 
 
 def _torn_note(vertices: np.ndarray, triangles: np.ndarray, lead: int) -> list[str]:
