@@ -51,7 +51,10 @@ def export(arguments: argparse.Namespace, progress: Progress) -> Result:
 
     take = require_take(arguments.take)
     field, wind = load_field(take.file("field.safetensors")), read_wind(take)
-    Take.refuse_result(Path(arguments.out))
+    out = Path(arguments.out)
+    Take.refuse_result(out)
+    if arguments.format == "npz" and out.name:
+        Take.refuse_result(out.with_name(f"{out.name.removesuffix('.npz')}.npz"))  # as it is completed
     progress.begin("export", arguments.format)
     files = export_field(field, arguments.format, Path(arguments.out), progress, wind=wind)
     return {"outcome": "converged", "files": [str(path) for path in files]}

@@ -106,7 +106,8 @@ def export_field(
         The files written.
 
     Raises:
-        UsageError: for an unknown format or a path without a name, and for VDB, whose library cannot be had here.
+        UsageError: for an unknown format, a path without a name, a file in the folder's place, and for VDB, whose library cannot be had
+            here.
         TakeError: when `out` cannot be written.
     """
     if kind not in FORMATS:
@@ -128,6 +129,8 @@ def export_field(
             arrays["wind_velocity"], arrays["wind_confidence"] = sample_points(wind, at, None, progress)
         Take(out.parent).write_arrays(name, {**arrays, "fps": np.array(field.fps), "box": field.box})
         return [out.with_name(name)]
+    if out.exists() and not out.is_dir():
+        raise UsageError(f"{out} is there already and is no folder, and {kind} is one file per frame.", "Give --out a folder's path.")
     folder, files = Take(out), []
     for frame in range(field.frames):
         contents = {f"frame_{frame:04d}.{kind}": _ply(field, points, frame, wind) if kind == "ply" else _fga(field, points, shape, frame)}

@@ -43,6 +43,13 @@ def test_files_that_hold_no_points(known_wind, tmp_path):
             sample_points(known_wind, read_points(tmp_path / name), 0)
 
 
+def test_a_folder_of_frames_takes_no_file_s_place(known_wind, tmp_path):
+    (tmp_path / "clip.mp4").write_bytes(b"mine")
+    with pytest.raises(UsageError, match="clip.mp4 is there already and is no folder"):
+        export_field(known_wind, "ply", tmp_path / "clip.mp4")
+    assert (tmp_path / "clip.mp4").read_bytes() == b"mine"
+
+
 def test_the_lattice_spans_the_box_with_x_fastest():
     points, (x, y, z) = lattice(BOX, 11)
     assert (x, y, z) == (11, 7, 11) and len(points) == x * y * z
