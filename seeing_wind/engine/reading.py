@@ -49,19 +49,23 @@ _DAMAGED = (ValueError, TypeError, EOFError, SyntaxError, RuntimeError, zipfile.
 """What NumPy and the standard library raise for an archive that is cut or garbled; RuntimeError is one with a password."""
 
 
+class EmptyFile(ValueError):
+    """A file of no bytes."""
+
+
 def regular(path: str | os.PathLike[str]) -> int:
     """Size [bytes] of the file `path`, links followed.
 
     Raises:
         OSError: nothing there, or no regular file: opening a pipe or a device may wait for ever.
-        ValueError: an empty file, or a path with a NUL.
+        EmptyFile: nothing in it; ValueError: a path with a NUL.
     """
     found = os.stat(path)
     if not stat.S_ISREG(found.st_mode):
         kinds = {stat.S_IFDIR: "a folder", stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket"}
         raise OSError(errno.EINVAL, f"it is {kinds.get(stat.S_IFMT(found.st_mode), 'a device')}, not a file", str(path))
     if found.st_size == 0:  # also what the system only shows as files
-        raise ValueError("it is empty")
+        raise EmptyFile("it is empty")
     return found.st_size
 
 

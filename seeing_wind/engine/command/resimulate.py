@@ -35,7 +35,10 @@ def resimulate(arguments: argparse.Namespace, progress: Progress) -> dict[str, A
     recovered = None
     if any(body.mesh == "recovered" for body in edit.body):
         if not source.file("particles.npz").is_file():
-            raise TakeError(f"{source.path} has no recovered object.", 'It came from trajectories: insert a mesh instead of "recovered".')
+            of_clip = "build" in source.description().get("stages", {})
+            lost = "particles.npz is missing: run `recover` for this take again, or insert a mesh"
+            hint = lost if of_clip else "It came from trajectories: insert a mesh"
+            raise TakeError(f"{source.path} has no recovered object.", f'{hint} instead of "recovered".')
         recovered = (read_body(source), read_recovery(source))
     stamp = stamp_of(Path(arguments.edit), source.file(FIELD if field.kind == "wind" else "field.safetensors"))
     holding = held(out, arguments.verb, progress, inputs_of_edit(Path(arguments.edit)), made_of(edit))

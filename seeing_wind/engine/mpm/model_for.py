@@ -196,7 +196,8 @@ def _checked_speed(speed: float, x: np.ndarray, path: np.ndarray | None, dx: flo
         raise SimulationError(
             f"{who} at {in_figures(speed)} m/s is too fast: in a frame it goes through {needed} cells of the solver's grid, "
             f"{in_units(dx, 'm', 2)} each, and {max_substeps} are allowed (one for each substep).",
-            "If it is not that small or not that fast, correct the distance or scale, or the frame rate; otherwise use fewer particles.",
+            "If it is not that small or not that fast, correct the distance or scale, the unit of a mesh (metres), or the frame rate; "
+            "otherwise use fewer particles.",
             quantity="velocity",
         )
     return speed

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import UsageError
-from ..reading import read_toml
+from ..reading import EmptyFile, read_toml
 from .edit import BodyEdit, ColliderEdit, Edit
 from .mapping import from_mapping
 from .option import options_of
@@ -29,6 +29,8 @@ def read_users_toml(path: str | os.PathLike[str], what: str) -> dict[str, Any]:
         return read_toml(path)
     except OSError as error:
         raise UsageError(f"{what} {path} cannot be read: {error.strerror or error}.", "Give the path of a TOML file.") from error
+    except EmptyFile as error:
+        raise UsageError(f"{what} {path} cannot be read: {error}.", "Write it, or give the path of another TOML file.") from error
     except ValueError as error:
         raise UsageError(f"{what} {path} is no TOML: {error}.", "Mend that line.") from error
 

@@ -61,14 +61,15 @@ def test_stored_frames_read_like_an_array() -> None:
 def test_a_full_disk_says_what_to_do(disc: Scene) -> None:
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (3 * disc.frames[0].nbytes, before[1]))
     try:
-        with pytest.raises(ClipError, match="no room for the clip's frames after the first 3") as caught:
-            read_clip(disc.path)
+        for frames, says in ((0.5, "frames: no file may be so large"), (3, "frames after the first 3: no file may be so large")):
+            resource.setrlimit(resource.RLIMIT_FSIZE, (round(frames * disc.frames[0].nbytes), before[1]))
+            with pytest.raises(ClipError, match=f"no room for the clip's {says}") as caught:
+                read_clip(disc.path)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
         signal.signal(signal.SIGXFSZ, handler)
-    assert "TMPDIR" in caught.value.hint and "--frames" in caught.value.hint
+    assert "ulimit" in caught.value.hint and "TMPDIR" in caught.value.hint and "--frames" in caught.value.hint
 
 
 def test_frames_are_reduced_as_they_are_decoded_and_some_kept(disc: Scene) -> None:

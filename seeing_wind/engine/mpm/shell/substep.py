@@ -47,7 +47,10 @@ STRAY = 0.05
 SEARCH = 12
 """Places looked at along the way of a Newton iteration."""
 TOO_WILD = "The sheet moves too wildly to be followed"
-CALMER = "Lower the field's strength or the sheet's speed, let it settle first (Pre-roll), or use a mesh with more even faces."
+CALMER = (
+    "Check that its weight and stiffness are those of a sheet; else lower the field's strength or the sheet's speed, let it settle first "
+    "(Pre-roll), or use a mesh with more even faces."
+)
 SLACK = 0.6
 """The force along an iteration's way may be this part of the former one at its end."""
 

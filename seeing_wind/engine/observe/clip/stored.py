@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import tempfile
 import threading
 import weakref
@@ -39,7 +40,7 @@ class StoredFrames:
         """Add a `frame` (H, W, 3) uint8 RGB at the end.
 
         Raises:
-            ClipError: the disk of the temporary folder is full.
+            ClipError: the disk of the temporary folder is full, or no file may be as large.
         """
         rest = np.ascontiguousarray(frame, dtype=np.uint8).reshape(-1).data
         try:
@@ -47,9 +48,13 @@ class StoredFrames:
             while len(rest):
                 rest = rest[self._file.write(rest) :]
         except OSError as error:
+            after = f" after the first {self._count}" if self._count else ""
+            limited = error.errno == errno.EFBIG
+            why = "no file may be so large here" if limited else error.strerror or str(error)
+            more = "Raise that limit (`ulimit -f`)" if limited else "Free some space there"
             raise ClipError(
-                f"{tempfile.gettempdir()} has no room for the clip's frames after the first {self._count}: {error.strerror or error}.",
-                "Free some space there, set TMPDIR to a folder on a larger disk, or choose a shorter range with --frames.",
+                f"{tempfile.gettempdir()} has no room for the clip's frames{after}: {why}.",
+                f"{more}, set TMPDIR to a folder on a larger disk, or choose a shorter range with --frames.",
             ) from error
         self._count += 1
 

@@ -156,11 +156,13 @@ def read_objects(path: str) -> list[dict[str, Any]]:
     if not isinstance(listed, list) or not listed or not all(isinstance(one, dict) for one in listed):
         raise UsageError(f"{path} lists no objects.", advice)
     texts, numbers = ("name", "object", "material", "mask", "law"), tuple(RANGES)
-    for one in listed:
+    for number, one in enumerate(listed, start=1):
         wrong = [key for key in texts if not isinstance(one.get(key), str) or not one[key]]
         wrong += [key for key in numbers if one.get(key, "") is not None and not isinstance(one.get(key), (int, float))]
-        if wrong or not re.fullmatch(r"[A-Za-z0-9_-]+", one["name"]) or one["name"].upper() in RESERVED:
-            raise UsageError(f"{path}: an object has no usable {', '.join(wrong) or 'name'}.", advice)
+        if wrong:
+            raise UsageError(f"{path}: of object {number} is missing, or of another kind: {', '.join(wrong)}.", advice)
+        if not re.fullmatch(r"[A-Za-z0-9_-]+", one["name"]) or one["name"].upper() in RESERVED:
+            raise UsageError(f"{path}: the name of object {number}, {one['name'][:40]!r}, cannot be a file's name.", advice)
     names = [one["name"] for one in listed]
     if len(set(names)) < len(names):
         raise UsageError(f"{path}: two objects have one name.", advice)

@@ -98,9 +98,9 @@ def fill(vertices: np.ndarray, triangles: np.ndarray, *, spacing: float | None =
         each = patch / patch.sum() * max(total, 1e-12) / 2.0
         sizes += [each, each]
         if open_share > 0.0:
-            notes.append(f"open surface: simulated as a shell {in_units(2.0 * spacing, 'm')} thick")
+            notes.append(f"open surface: filled as a layer {in_units(2.0 * spacing, 'm')} thick")
         if open_share < 1.0:
-            notes.append("closed but thinner than its particles: simulated as a shell of the same volume")
+            notes.append("closed but thinner than its particles: filled as two layers of the same volume")
     particles = Particles(np.concatenate(x), np.concatenate(sizes), np.zeros(sum(map(len, x)), dtype=bool), float(spacing))
     return Filling(particles, notes, bool(shell.any()))
 

@@ -68,7 +68,8 @@ def _read_obj(path: Path) -> tuple[np.ndarray, np.ndarray]:
                 corners = [corner - 1 if corner > 0 else len(vertices) + corner for corner in corners]
                 triangles += [(corners[0], b, c) for b, c in zip(corners[1:], corners[2:])]
     except (OSError, ValueError) as error:
-        raise UsageError(f"{path.name}, line {at}: {error}.", "Export the mesh again.") from error
+        where = f"{path.name}, line {at}" if at else path.name
+        raise UsageError(f"{where}: {error}.", "Export the mesh again.") from error
     if any(len(vertex) != 3 for vertex in vertices):
         raise UsageError(f"{path.name}: a vertex has fewer than three coordinates.", "Export the mesh again.")
     return np.array(vertices, dtype=np.float64).reshape(-1, 3), np.array(triangles, dtype=np.int64).reshape(-1, 3)

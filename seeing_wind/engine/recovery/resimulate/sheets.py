@@ -110,14 +110,14 @@ def enter(
             every = np.zeros((frames + 1, len(used), 3))
             every[:, vertex.ravel()[pins]] = read_pin_path(base_dir / body.pin_path, path, frames)
             way = every[:, pinned]
-    x, ridden = vertices[first], None
+    x, ridden, sheet = vertices[first], None, sheet_of(body, area)
     try:
         surface = surface_of(x, faces)
         ridden = coarser_sheet(x, surface.faces, pinned | (spring > 0.0), coarseness)
         if ridden is not None:
             way = None if way is None else way[:, np.isin(np.flatnonzero(pinned), ridden.used)]
             x, faces, pinned, spring = x[ridden.used], ridden.faces, pinned[ridden.used], spring[ridden.used]
-        shell = shell_of(x, faces, sheet_of(body, area), pinned=pinned, spring=spring)
+        shell = shell_of(x, faces, sheet, pinned=pinned, spring=spring)
     except UsageError as error:
         raise UsageError(f"{body.name}: {error.message}", error.hint) from error
     velocity = np.zeros(3) if body.velocity is None else np.asarray(body.velocity, dtype=np.float64)
@@ -160,7 +160,8 @@ def sheet_of(body: BodyEdit, area: float, filmed: Sheet | None = None) -> Sheet:
     material = find(body.material or DEFAULT) if filmed is None else filmed.as_solid("the recovered object")
     if (body.law or material.law) in PLASTIC_LAWS or body.yield_stress is not None:
         raise UsageError(f"{body.name}: a shell springs back, it has no plastic law.", "Set shell = false, or give an elastic material.")
-    material = adjust(material, poisson_ratio=body.poisson_ratio, loss_factor=body.loss_factor)
+    names = ("density", "youngs_modulus", "poisson_ratio", "loss_factor")
+    material = adjust(material, **{name: getattr(body, name) for name in names})
     own: dict[str, Any] = {name: getattr(body, name) for name in SHEET_UNITS if getattr(body, name) is not None}
     known = SHEETS.get(material.name) if filmed is None else filmed
     missing = [] if known is not None else [name for name in SHEET_UNITS if name not in own]

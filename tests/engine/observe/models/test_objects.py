@@ -156,14 +156,15 @@ def test_lists_of_objects_that_are_none(tmp_path: Path, text: str | None) -> Non
     path = tmp_path / "objects.json"
     if text is not None:
         path.write_text(text)
-    with pytest.raises(UsageError):
+    says = "of object 1 is missing, or of another kind: object, material" if text and '"a"' in text else "objects|mask"
+    with pytest.raises(UsageError, match=says):
         recover(parser().parse_args(["recover", "clip", "--take", str(tmp_path / "t"), "--objects", str(path)]), NoProgress())
 
 
 def test_an_object_s_take_must_be_a_folder_on_every_system(tmp_path: Path) -> None:
     one = {"name": "NUL", "object": "leaf", "material": "leaf", "mask": "m.png", "law": "neo_hookean"} | dict.fromkeys(RANGES)
     (tmp_path / "objects.json").write_text(json.dumps({"objects": [one]}))
-    with pytest.raises(UsageError, match="no usable name"):
+    with pytest.raises(UsageError, match="the name of object 1, 'NUL', cannot be"):
         read_objects(str(tmp_path / "objects.json"))
     (tmp_path / "objects.json").write_text(json.dumps({"objects": [one | {"name": "null"}]}))
     assert read_objects(str(tmp_path / "objects.json"))[0]["name"] == "null"

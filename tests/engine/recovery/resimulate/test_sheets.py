@@ -8,7 +8,7 @@ import re
 import numpy as np
 import pytest
 
-from seeing_wind.engine.errors import MaterialError, UsageError
+from seeing_wind.engine.errors import MaterialError, SimulationError, UsageError
 from seeing_wind.engine.field.analytic import UniformField
 from seeing_wind.engine.materials import SHEETS
 from seeing_wind.engine.progress import Cancelled, NoProgress, Progress
@@ -99,7 +99,9 @@ def test_own_numbers_replace_the_materials(folder):
 @pytest.mark.parametrize(
     ("change", "error", "words"),
     [
-        ({"material": "rubber", "shell": True}, UsageError, "areal_density, thickness, tensile_stiffness, bending_stiffness are missing"),
+        ({"youngs_modulus": 1e20}, MaterialError, "Young's modulus of cotton is 100,000,000,000 GPa"),
+        ({"tensile_stiffness": 1e25}, SimulationError, "Check that its weight and stiffness are those of a sheet"),
+        ({"material": "rubber", "shell": True}, UsageError, "^b: rubber is not known .* areal_density, .* bending_stiffness are missing"),
         ({"law": "von_mises", "yield_stress": 10.0}, UsageError, "no plastic law"),
         ({"areal_density": -1.0}, MaterialError, "areal density"),
         ({"mesh": "recovered", "shell": True}, UsageError, "there is no recovered object"),

@@ -7,7 +7,7 @@ import re
 import numpy as np
 import pytest
 
-from seeing_wind.engine.errors import MaterialError, UsageError
+from seeing_wind.engine.errors import MaterialError, SimulationError, UsageError
 from seeing_wind.engine.field.analytic import UniformField
 from seeing_wind.engine.materials import find
 from seeing_wind.engine.progress import Cancelled, Journal, NoProgress, Progress
@@ -204,6 +204,7 @@ def test_a_body_that_tears_is_said(folder):
         ({"pin": "corner.npy", "pin_weights": "weights.npy"}, UsageError, "for 1 indices"),
         ({"pin": "corner.npy", "pin_weights": "two.npy"}, UsageError, "from 0 to 1"),
         ({"free": "corner.npy"}, UsageError, "free"),
+        ({"mesh": "tiny.obj"}, SimulationError, r"the unit of a mesh \(metres\)"),
         ({"mesh": "huge.obj"}, UsageError, "box measures 100 km. A body has at most 10 km"),
     ],
 )
@@ -215,6 +216,7 @@ def test_bad_edits_are_refused_with_a_sentence(folder, change, error, says):
     np.save(folder / "weights.npy", np.array([0.5, 0.5]))
     np.save(folder / "two.npy", np.array([2.0]))
     trimesh.creation.box((1e5, 1e5, 1e5)).export(folder / "huge.obj")
+    trimesh.creation.box((2e-5, 2e-5, 2e-5)).export(folder / "tiny.obj")
     with pytest.raises(error) as raised:
         run(folder, BodyEdit(**({"name": "box", "mesh": "box.obj", **SOFT} | change)))
     assert re.search(says, str(raised.value))
