@@ -24,6 +24,7 @@ HEAD = """# Command line
 
 Written by `make cli-reference` from the definitions of the options, and by a test held to them: change `seeing_wind/engine/settings/`
 instead. `python -m seeing_wind.engine VERB ...`, or `blender --command seeing_wind VERB ...`.
+`python -m seeing_wind.engine --version` says which version it is.
 """
 EDIT = """## `edit.toml`
 

@@ -81,9 +81,9 @@ class Protocol:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one verb; returns the exit code."""
     options = list(sys.argv[1:] if argv is None else argv)
-    if not {"-h", "--help"}.isdisjoint(options):
+    if not {"-h", "--help", "--version"}.isdisjoint(options):
         with contextlib.suppress(SeeingWindError):  # told below, as a message
-            parser().parse_args(options)  # the help goes to the real stdout, and the process ends
+            parser().parse_args(options)  # help and version go to the real stdout, and the process ends
     protocol = Protocol()
     signal.signal(signal.SIGINT, protocol.interrupt)
     cancelling.listen(protocol.cancel)

@@ -163,6 +163,11 @@ def in_units(value: float, unit: str, figures: int = 3) -> str:
     return f"{in_figures(value / scale, figures)} {word}"
 
 
+def counted(number: int, what: str) -> str:
+    """So many of something whose plural ends in s: 1 frame, 2 frames."""
+    return f"{number} {what}{'s' * (number != 1)}"
+
+
 def weight_in_words(areal_density: float, area: float) -> str:
     """Areal density [kg/m²] and mass of a sheet of `area` [m²], for a person."""
     return f"{in_units(areal_density, 'kg/m²')}, {in_units(areal_density * area, 'kg')}"

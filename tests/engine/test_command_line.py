@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 import pytest
 
+from seeing_wind.engine import __version__
 from seeing_wind.engine.command.arguments import parser
 from seeing_wind.engine.errors import DONE_WITH_WARNINGS, UsageError
 from seeing_wind.engine.field import GustField
@@ -140,6 +141,8 @@ def test_a_report_that_cannot_be_written_is_an_exit_code_of_its_own(engine, squa
         error = engine("sample", tmp_path / "t.take", "--points", tmp_path / "points.npy", "--frame", 0, "--out", out, expect=2)[-2]
         assert "--out" in error["hint"] and out.read_bytes() == before
     engine("export", tmp_path / "t.take", "--format", "npz", "--out", field, expect=2)
+    # The file's ending is added.
+    engine("export", tmp_path / "t.take", "--format", "npz", "--out", tmp_path / "t.take" / "trajectory", expect=2)
 
 
 def test_what_is_wrong_with_the_options_of_a_solve_is_said_of_the_clip_and_a_material_that_was_not_told_in_the_result(
@@ -163,6 +166,21 @@ def test_the_take_is_no_folder_of_the_clip_s_frames(engine, tmp_path: Path) -> N
 def test_one_frame_is_no_clip(engine, tmp_path: Path) -> None:
     error = engine("recover", clip(tmp_path / "one.avi", 1), "--take", tmp_path / "t.take", "--box", 12, 10, 32, 30, expect=1)[-2]
     assert error["type"] == "error" and error["hint"]
+
+
+def test_what_the_engine_says_of_itself_and_of_frame_rates(engine, square: Path, tmp_path: Path) -> None:
+    run = subprocess.run([sys.executable, "-m", "seeing_wind.engine", "--version"], capture_output=True, text=True, timeout=300)
+    assert run.returncode == 0 and run.stdout.strip() == f"Seeing Wind {__version__}"
+    error = engine("recover", square, "--take", tmp_path / "t.take", "--fps", 0, expect=2)[-2]
+    assert "`--fps` must be above 0 per second; this is 0." in error["message"]
+
+
+def test_a_take_that_has_lost_its_object_is_not_said_to_be_of_trajectories(engine, windy: Path, tmp_path: Path) -> None:
+    (tmp_path / "edit.toml").write_text('[[body]]\nname = "leaf"\nmesh = "recovered"\n')
+    words = ["resimulate", windy, "--edit", tmp_path / "edit.toml", "--take", tmp_path / "o.take"]
+    assert "came from trajectories" in engine(*words, expect=1)[-2]["hint"]
+    Take(windy).finish("build", "stamp", {})
+    assert "particles.npz is missing" in engine(*words, expect=1)[-2]["hint"]
 
 
 @pytest.mark.parametrize("box", [(100, 100, 140, 140), (-50, -50, -10, -10)])
@@ -279,13 +297,13 @@ def test_gravity_takes_exponents_and_counts_have_bounds() -> None:
 
 
 @pytest.mark.parametrize(
-    "text", ["body = [1, 2]", 'body = "x"', "[[body]]\nname = 5\nmesh = 'a.obj'", "[[body]]\nname = '../a'\nmesh = 'a.obj'"]
+    "text", ["", "body = [1, 2]", 'body = "x"', "[[body]]\nname = 5\nmesh = 'a.obj'", "[[body]]\nname = '../a'\nmesh = 'a.obj'"]
 )
 def test_edits_that_are_none(tmp_path: Path, text: str) -> None:
     (tmp_path / "edit.toml").write_text(text)
     with pytest.raises(UsageError) as caught:
         read_edit(str(tmp_path / "edit.toml"))
-    assert caught.value.hint
+    assert caught.value.hint and (text or "edit.toml cannot be read: it is empty." in caught.value.message)
 
 
 @pytest.mark.parametrize("damage", ["cut", "no JSON"])

@@ -240,3 +240,8 @@ def test_files_that_are_no_archive_are_refused(tmp_path: Path, content: bytes) -
     np.save(tmp_path / "t.npy", FALL)
     with pytest.raises(UsageError, match="cannot be read as trajectories"):
         read_trajectories(tmp_path / "t.npy")
+
+
+def test_one_frame_of_many_particles_is_counted_as_such(tmp_path: Path) -> None:
+    with pytest.raises(ObjectError, match="has 1 frame of 27 particles"):
+        read_trajectories(write(tmp_path / "t.npz", x=FALL[:1]))

@@ -11,6 +11,7 @@ import re
 from collections.abc import Collection
 from typing import Any, NoReturn
 
+from .. import __version__
 from ..conventions import NO_GRAVITY
 from ..errors import UsageError
 from ..settings import BuildSettings, ObserveSettings, Option, RecoverSettings, ReportSettings, WindSettings, options_of
@@ -83,6 +84,7 @@ def path(text: str) -> str:
 def parser() -> Parser:
     """The whole command line."""
     root = Parser(prog="seeing_wind.engine", description="Recover the force field that moved something in a clip.", allow_abbrev=False)
+    root.add_argument("--version", action="version", version=f"Seeing Wind {__version__}", help="the version")
     verbs = root.add_subparsers(dest="verb", required=True, parser_class=Parser, metavar="VERB")
     _recover(verbs.add_parser("observe", help="draw and judge what is seen in a clip; `recover` goes on from it", allow_abbrev=False))
     _recover(verbs.add_parser("recover", help="a clip becomes a force field", allow_abbrev=False))

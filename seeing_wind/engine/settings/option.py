@@ -122,7 +122,8 @@ class Option:
         if self.choices:
             return f"be {' or '.join(self.choices)}"
         bounds = self._bounds()
-        return f"be {bounds or 'finite'}{f' {self.unit}' if bounds and self.unit else ''}"
+        unit = self.unit.replace("1/s", "per second")
+        return f"be {bounds or 'finite'}{f' {unit}' if bounds and unit else ''}"
 
     def summary(self, default: Any, said: str = "") -> str:
         """Help, unit, choices, range and default in one line; `said` is how the default is said, if not as itself."""

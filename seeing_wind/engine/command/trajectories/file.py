@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...conventions import FARTHEST, FRAME_RATES, in_figures, in_units
+from ...conventions import FARTHEST, FRAME_RATES, counted, in_figures, in_units
 from ...errors import ObjectError, UsageError
 from ...reading import array_names, read_arrays
 
@@ -65,7 +65,8 @@ def motion_of(values: dict[str, np.ndarray], path: str | os.PathLike[str]) -> tu
     if x.ndim != 3 or x.shape[2] != 3:
         raise UsageError(f"{path}: x has shape {x.shape}.", "It must be (T+1,N,3).")
     if len(x) < 4 or x.shape[1] < 1:
-        raise ObjectError(f"{path} has {len(x)} frames of {x.shape[1]} particles.", "At least four frames of one particle are needed.")
+        has = f"{path} has {counted(len(x), 'frame')} of {counted(x.shape[1], 'particle')}."
+        raise ObjectError(has, "At least four frames of one particle are needed.")
     visible = _visible(values, x, path)
     fixed = flags_in(values.get("fixed", np.zeros(x.shape[1], dtype=bool)), "fixed", x.shape[1:2], path)
     fps = number_in(values["fps"], "fps", path)

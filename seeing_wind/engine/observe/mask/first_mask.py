@@ -7,6 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from ...conventions import counted
 from ...errors import ObjectError, UsageError
 from ...progress import Progress
 from ...settings import ObserveSettings
@@ -46,7 +47,7 @@ def first_mask(settings: ObserveSettings, frames: Frames, plate: Plate | None, p
         mask = _what_moves(frame, plate)
         progress.warn("Neither mask nor box was given: the one thing that moves against the background is taken for the object.")
     if mask.sum() < LEAST_PIXELS:
-        raise ObjectError(f"The object covers {int(mask.sum())} pixels of the first frame, too few to follow.", NEITHER)
+        raise ObjectError(f"The object covers {counted(int(mask.sum()), 'pixel')} of the first frame, too few to follow.", NEITHER)
     if mask.mean() > 0.95:
         raise ObjectError("The object covers the whole first frame.", "Mark only the thing that moves: non-zero pixels are the object.")
     return mask
@@ -110,7 +111,8 @@ def mask_from_points(frame: np.ndarray, points: np.ndarray, plate: Plate | None,
     # Hardly more than the discs round the points: their colours are everywhere, and nothing was added to them.
     if not max(LEAST_PIXELS, 1.5 * seeds.sum()) <= found.sum() <= LARGEST_OF_POINTS * found.size:
         raise ObjectError(
-            f"The region at the points covers {int(found.sum())} pixels and differs from its surroundings in neither colour nor motion.",
+            f"The region at the points covers {counted(int(found.sum()), 'pixel')} and differs from its surroundings in neither colour nor "
+            "motion.",
             "Set more points, on all of its colours, or draw a --box round it.",
         )
     return found

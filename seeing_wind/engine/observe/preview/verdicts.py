@@ -9,11 +9,14 @@ from typing import Any
 import cv2
 import numpy as np
 
-from ...conventions import HELD_PLACE, frame_named, in_units
+from ...conventions import HELD_PLACE, counted, frame_named, in_units
 from ...masks import areas
 from ...records import Observation
 from ...settings import ObserveSettings
 from .held import propose_held, swings
+
+FEWEST = 3
+"""Frames in which an object is seen that a recovery needs."""
 
 FEW_TRACKS = 12
 """Tracks in a frame below which a body's bending cannot be told from their errors."""
@@ -130,6 +133,10 @@ def _outline(seen: Observation, settings: ObserveSettings, proposed: np.ndarray 
 
 
 def _sight(seen: Observation) -> Verdict:
+    shown = int(np.count_nonzero(seen.visible.any(axis=1)))
+    if shown < FEWEST:
+        few = f"The object is seen in {counted(shown, 'frame')}, and a force needs {FEWEST}: fewer show no acceleration."
+        return Verdict("sight", 2.0, few, "Use a longer clip or a wider --frames range.")
     lost = np.flatnonzero(areas(seen.masks) == 0)
     if len(lost):
         return Verdict(

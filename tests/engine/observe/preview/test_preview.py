@@ -131,6 +131,15 @@ def test_out_of_sight(disc_seen: Observation) -> None:
     assert "first in frame 9" in found.because and "--frames 0:8" in found.do
 
 
+def test_two_frames_show_no_force(disc_seen: Observation) -> None:
+    """As `recover` refuses them."""
+    few = dataclasses.replace(
+        disc_seen, masks=disc_seen.masks[:2], xy=disc_seen.xy[:2], visible=disc_seen.visible[:2], sigma=disc_seen.sigma[:2]
+    )
+    worst = judge(few, GIVEN, None)[0]
+    assert worst.item == "sight" and "seen in 2 frames, and a force needs 3" in worst.because
+
+
 def test_no_scale(disc_seen: Observation) -> None:
     assert verdict(disc_seen, "scale", ObserveSettings()).severity > 0.0
     assert verdict(disc_seen, "scale", ObserveSettings(pixels_per_metre=300.0)).severity == 0.0
