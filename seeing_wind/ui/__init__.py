@@ -57,7 +57,7 @@ from .field.library import operators as library_operators
 from .field.library import panel as library_panel
 from .job import notes as job_notes
 from .job import operator as job_operator
-from .job import status, takes
+from .job import status, take_along
 from .job.install import environment
 from .job.install import operators as install_operators
 from .job.install import preferences as install_preferences
@@ -80,7 +80,7 @@ FEATURES = (
 
 CLASSES = tuple(cls for door in (job_operator, job_notes, *FEATURES, scene_properties) for cls in door.CLASSES)
 
-HANDLERS = (scene_properties, freshness, clip_marked, job_operator, takes, user_paths, library_copies, commands)
+HANDLERS = (scene_properties, freshness, clip_marked, job_operator, take_along, user_paths, library_copies, commands)
 """What is more than classes."""
 
 

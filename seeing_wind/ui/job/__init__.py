@@ -10,6 +10,7 @@ steps_shown     which steps the sidebar shows unfolded
 panel_pieces    what all panels are put together from: the tab, states, failures with their mend, bars
 console         a job's messages as lines of text, for `blender -b`
 takes           where the takes of a scene are, and which of them it shows
+take_along      a file that is saved for the first time takes its results along
 take_reading    what a take's files say, read and checked
 
 `install` finds and makes the Python that the jobs run in.

@@ -18,7 +18,6 @@ import uuid
 from pathlib import Path
 
 import bpy
-from bpy.app.handlers import persistent
 
 from ...engine import systems
 from ...engine.errors import TakeError
@@ -31,6 +30,9 @@ INPUTS = "blender_inputs"
 """Folder in the take of the files that are made from the scene."""
 
 NO_FIELD = "There is no recovered field."
+
+NOT_RECOVERED = ""
+"""In place of the digest of a recovery's settings: there was none, see `edit.resimulate.lone_wind`."""
 
 
 def take_folder(settings: bpy.types.PropertyGroup) -> Path:
@@ -143,6 +145,12 @@ def gone(folder: Path) -> tuple[str, str]:
     return f"There is no folder {folder}.", "Put it beside the .blend file, or run Recover again."
 
 
+def shows_lone(settings: bpy.types.PropertyGroup) -> bool:
+    """Whether what the scene shows is no recovery of its own, but the wind of an object that came without a take. The file itself says so:
+    the take of such a wind is made anew whenever it is needed, and may be gone."""
+    return bool(settings.recovered_take) and settings.recovered_digest == NOT_RECOVERED
+
+
 def recovered(settings: bpy.types.PropertyGroup) -> Path:
     """As `shown`, for work that needs the very field that the scene shows.
 
@@ -177,13 +185,15 @@ def simulated(settings: bpy.types.PropertyGroup, preview: bool = False) -> Path:
 
 def bring_along(settings: bpy.types.PropertyGroup, folder: Path) -> None:
     """Before a recovery into `folder`: what an unfinished one left in the temporary folder goes on there, when the file was saved since.
+    What a lone wind left is none of it.
 
     Raises:
         OSError: when it cannot be copied.
     """
     former = Path(settings.started_take) if settings.started_take else None
-    if former is not None and former != folder and is_temporary(former) and former.is_dir() and not folder.exists():
-        _copy(former, folder)
+    lone = shows_lone(settings) and settings.started_take == settings.recovered_take
+    if former is not None and not lone and former != folder and is_temporary(former) and former.is_dir() and not folder.exists():
+        copy(former, folder)
     settings.started_take = str(folder)
 
 
@@ -228,7 +238,7 @@ def _short(text: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:8]
 
 
-def _copy(former: Path, folder: Path) -> None:
+def copy(former: Path, folder: Path) -> None:
     """Copy a take, aside and renamed; take.toml first, so that no stamp is newer than its files."""
     aside = folder.with_name(f".{folder.name}.{os.getpid()}.part")
     try:
@@ -239,62 +249,3 @@ def _copy(former: Path, folder: Path) -> None:
         systems.replace(aside, folder)
     finally:
         shutil.rmtree(aside, ignore_errors=True)
-
-
-# -- a file that is saved for the first time takes its results along ---------------------------------------------------------------
-
-
-@persistent
-def _before_save(path: str = "", *_: object) -> None:
-    if not path:
-        return
-    for scene in bpy.data.scenes:
-        settings = scene.seeing_wind
-        if scene.library is None and not settings.unfinished and is_temporary(Path(settings.recovered_take)):
-            try:
-                _take_along(settings, Path(path).parent)
-            except OSError as error:
-                print(f"Seeing Wind: the results stay in {settings.recovered_take}: {error}")
-
-
-def _take_along(settings: bpy.types.PropertyGroup, home: Path) -> None:
-    """Copy take and re-simulations from the temporary folder to `home`, and let everything point there."""
-    former = Path(settings.recovered_take)
-    folder, number = home / former.name, 2
-    while folder.exists():
-        folder, number = home / f"{former.name.removesuffix('.take')}.{number}.take", number + 1
-    kept = [settings, *settings.edits]
-    for each in {name for edit in kept for name in (edit.simulated_take, edit.coarse_take) if name}:
-        source = Path(each)
-        if source.parent == former.parent and source.is_dir():
-            target = folder.with_name(folder.name.removesuffix(".take") + source.name.removeprefix(former.name.removesuffix(".take")))
-            _copy(source, target)
-            for edit in kept:
-                for name in ("simulated_take", "coarse_take"):
-                    if getattr(edit, name) == each:
-                        setattr(edit, name, str(target))
-            _repoint(source, target)
-    if former.is_dir():
-        _copy(former, folder)
-        settings.recovered_take = settings.started_take = str(folder)
-
-
-def _repoint(former: Path, folder: Path) -> None:
-    """Point caches of that re-simulation are read from its copy."""
-    owners = [modifier for obj in bpy.data.objects for modifier in obj.modifiers if modifier.type == "MESH_CACHE"]
-    for owner in (*owners, *bpy.data.cache_files):
-        path = Path(bpy.path.abspath(owner.filepath))
-        if former in path.parents:
-            owner.filepath = str(folder / path.relative_to(former))
-
-
-def register() -> None:
-    """Attach the handler, once."""
-    unregister()
-    bpy.app.handlers.save_pre.append(_before_save)
-
-
-def unregister() -> None:
-    """Detach it."""
-    if _before_save in bpy.app.handlers.save_pre:
-        bpy.app.handlers.save_pre.remove(_before_save)

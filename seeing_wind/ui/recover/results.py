@@ -23,7 +23,7 @@ from ..field.lattice import SampledField
 from ..field.legend import create_legend
 from ..field.samples import samples_of
 from ..field.solvers import physics_nodes
-from ..job import status
+from ..job import status, takes
 from ..job.panel_words import in_panel_words, in_scene_frames
 from ..job.take_reading import FieldSummary, Seen, WindTold, field_summary, read_seen, recovery_notes, wind_told
 from ..scene_units import metres_per_unit
@@ -223,17 +223,22 @@ def _leave_to_others(settings: bpy.types.PropertyGroup) -> None:
 
 
 def _keep_other_take(settings: bpy.types.PropertyGroup, folder: Path) -> None:
-    """The field of another take that is still there, and what belongs to it, stay in the scene beside the new one."""
+    """The field of another take that is still there, or of none, and what belongs to it, stay in the scene beside the new one."""
     field = settings.field_object
-    if field is None or not field.get("seeing_wind_take"):
+    if field is None:
         return
-    other = Path(absolute(field["seeing_wind_take"]))
-    if other.resolve() == folder.resolve() or not (other / "field.safetensors").is_file():
-        return
+    called = field.name
+    if not takes.shows_lone(settings):
+        if not field.get("seeing_wind_take"):
+            return
+        other = Path(absolute(field["seeing_wind_take"]))
+        if other.resolve() == folder.resolve() or not (other / "field.safetensors").is_file():
+            return
+        called = f"{field.name} of {other.name}"
     for name in POINTERS:
         setattr(settings, name, None)
     status.of(settings.id_data.session_uid).warnings.append(
-        f"{field.name} of {other.name} stays: solvers feel both winds until you delete one, set its strength to 0, or calibrate with "
+        f"{called} stays: solvers feel both winds until you delete one, set its strength to 0, or calibrate with "
         "Only This Wind"
     )
 

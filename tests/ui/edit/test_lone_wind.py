@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import shutil
+import tempfile
 from pathlib import Path
 
 import bpy
@@ -136,3 +138,53 @@ def test_without_any_wind_it_is_said(scene, stand_in):
     bpy.ops.seeing_wind.insert_mesh(object="Box")
     with pytest.raises(RuntimeError, match="no recovered field"):
         bpy.ops.seeing_wind.resimulate()
+
+
+def recover(workplace: Path, take: Path) -> set[str]:
+    return bpy.ops.seeing_wind.recover(clip=str(workplace / "clip.mp4"), box=(20, 20, 44, 44), distance=2.0, take=str(take))
+
+
+@pytest.mark.parametrize("take_is_gone", [False, True])
+def test_a_recovery_leaves_a_wind_that_was_simulated_in_as_it_is(field, workplace, tmp_path, take_is_gone):
+    """It is no result of a former recovery, also when the folder that was made of it has been deleted."""
+    scene = bpy.context.scene
+    before = (field["seeing_wind_density"], len(samples_of(field).data.vertices), field.field.texture)
+    cube("Box", (0.3, 0.0, 0.6))
+    bpy.ops.seeing_wind.insert_mesh(object="Box")
+    bpy.ops.seeing_wind.resimulate()
+    bpy.ops.seeing_wind.bake()
+    if take_is_gone:
+        shutil.rmtree(scene.seeing_wind.recovered_take)
+    assert recover(workplace, tmp_path / "own.take") == {"FINISHED"}
+    assert (field["seeing_wind_density"], len(samples_of(field).data.vertices), field.field.texture) == before
+    made = scene.seeing_wind.field_object
+    assert made.name == "Recovered Wind" and scene.seeing_wind.arrows_object.name == "Recovered Wind Arrows"
+    assert field.name in scene.objects and lone_wind(scene) is None, "the scene has a recovery of its own now"
+    assert [note for note in notes_of(scene) if note.startswith("Wind stays: solvers feel both winds")]
+    assert recover(workplace, tmp_path / "own.take") == {"FINISHED"} and scene.seeing_wind.field_object == made
+    assert (field["seeing_wind_density"], len(samples_of(field).data.vertices), field.field.texture) == before
+
+
+def test_a_recovery_that_fails_takes_no_lone_wind_into_its_folder(scene, checks, stand_in, workplace, monkeypatch, tmp_path):
+    """While the file is unsaved, what an unfinished recovery left in the temporary folder goes along; this is none of it."""
+    (tmp_path / "temporary").mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "temporary"))
+    checks["swirl_field"](scene)
+    scene.frame_end = 14
+    cube("Box", (0.3, 0.0, 0.6))
+    bpy.ops.seeing_wind.insert_mesh(object="Box")
+    bpy.ops.seeing_wind.resimulate()
+    assert tmp_path / "temporary" in Path(scene.seeing_wind.recovered_take).parents
+    monkeypatch.setenv("SEEING_WIND_FAKE", "error")
+    with pytest.raises(RuntimeError, match="outside the frame"):
+        recover(workplace, tmp_path / "own.take")
+    assert not (tmp_path / "own.take" / "field.safetensors").exists() and not (tmp_path / "own.take" / "take.toml").exists()
+
+
+def test_the_take_of_a_lone_wind_is_made_again(field):
+    """Also when it was deleted since: all that it holds is in the file."""
+    cube("Box", (0.3, 0.0, 0.6))
+    bpy.ops.seeing_wind.insert_mesh(object="Box")
+    bpy.ops.seeing_wind.resimulate()
+    shutil.rmtree(bpy.context.scene.seeing_wind.recovered_take)
+    assert bpy.ops.seeing_wind.resimulate() == {"FINISHED"}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from pathlib import Path
 
 import bpy
 import numpy as np
@@ -35,7 +34,7 @@ def lone_wind(scene: bpy.types.Scene) -> bpy.types.Object | None:
         UsageError: when it is not said which of several.
     """
     settings = scene.seeing_wind
-    if settings.recovered_take and LONE not in Take(Path(settings.recovered_take)).description().get("stages", {}):
+    if settings.recovered_take and not takes.shows_lone(settings):
         return None
     there = [obj for obj in scene.objects if is_field(obj)]
     meant = field_at_hand(bpy.context) if bpy.context.scene == scene else settings.field_object
@@ -84,7 +83,7 @@ def adopt(scene: bpy.types.Scene, field: bpy.types.Object) -> None:
         take.write_json("report.json", {"box": box.tolist(), "fps": fps, "frames": count, "material": {"density": density}})
         take.finish(LONE, stamp, {"field": field.name})
         take.finish("recover", stamp, {})
-    takes.show(settings, take.path, "")
+    takes.show(settings, take.path, takes.NOT_RECOVERED)
     settings.field_object, settings.frame_start, settings.real_time = field, first, True
 
 
