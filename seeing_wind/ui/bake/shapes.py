@@ -36,8 +36,10 @@ def clear(obj: bpy.types.Object) -> None:
     key = obj.data.shape_keys
     if key is None:
         return
-    action = key.animation_data.action if key.animation_data else None
+    action, uid = key.animation_data.action if key.animation_data else None, key.session_uid
     obj.shape_key_clear()
+    # Blender counts a user too many of the keys of a copied mesh, and would keep them without an owner: a file with such keys fails to save
+    bpy.data.batch_remove([each for each in bpy.data.shape_keys if each.session_uid == uid])
     if action is not None and action.users == 0:
         bpy.data.actions.remove(action)
 
