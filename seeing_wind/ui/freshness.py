@@ -28,6 +28,7 @@ OVERTAKEN = "Another version of this file has simulated its own since"
 def refresh(scene: bpy.types.Scene) -> None:
     """Bring the status of `scene` up to date with its settings."""
     settings, now = scene.seeing_wind, status.of(scene.session_uid)
+    _name_as_objects(settings)
     measure(scene)
     values, take = scene_values(settings), take_folder(settings)
     clip = _attempt(now, "clip", lambda: clip_options(settings, values), bool(settings.clip))
@@ -69,6 +70,13 @@ def _attempt(now: status.SceneStatus, step: str, gather: Callable[[], T], starte
         state = status.State.FAILED if started else status.State.IDLE
         now.steps[step] = status.Step(state, message=error.message if started else error.hint, hint=error.hint if started else "")
         return None
+
+
+def _name_as_objects(settings: bpy.types.PropertyGroup) -> None:
+    """Note what bodies and colliders are called now: of an object that is gone, the list still says what the user called it last."""
+    for each in (*settings.bodies, *settings.colliders):
+        if each.name != each.called:
+            each.name = each.called
 
 
 def _count(settings: bpy.types.PropertyGroup) -> str:

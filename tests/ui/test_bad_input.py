@@ -69,6 +69,17 @@ def test_meshes_that_cannot_move_are_refused(scene, recovered) -> None:
     refused(ops.resimulate, "no vertex group")
 
 
+def test_factors_that_mean_nothing_are_refused(scene, recovered) -> None:
+    ops, body = bpy.ops.seeing_wind, scene.seeing_wind.bodies
+    ops.insert_mesh(object=mesh("Leaf", [(0, 0, 0), (0.1, 0, 0), (0, 0, 0.1)], [(0, 1, 2)]))
+    for factor, said in ((float("nan"), "nan"), (float("inf"), "3.4"), (0.0, "0"), (-1.0, "-1")):
+        refused(lambda factor=factor: ops.scale_mass(factor=factor), f"mass factor of Leaf cannot be {said}.*Give 0.001 or more")
+        refused(lambda factor=factor: ops.scale_stiffness(factor=factor), f"stiffness factor of Leaf cannot be {said}.*Give 0.001 or more")
+    assert body[0].mass_scale == body[0].stiffness_scale == 1.0
+    assert ops.scale_mass(factor=0.001) == {"FINISHED"} and ops.scale_stiffness() == {"FINISHED"}
+    assert (body[0].mass_scale, body[0].stiffness_scale) == (pytest.approx(0.001), 2.0)
+
+
 def test_places_that_cannot_be_written_are_named(scene, recovered) -> None:
     ops, blocked = bpy.ops.seeing_wind, recovered.parent / "a file"
     blocked.write_text("no folder")

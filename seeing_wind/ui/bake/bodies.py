@@ -57,7 +57,7 @@ def _asked(
     vertices, fps = arrays["vertices"] + np.asarray(settings.offset), float(arrays["fps"])
     source = settings.recovered_object if body.is_recovered else body.object
     if source is None or scene not in source.users_scene:
-        raise TakeError(f"The object of {body.name} is gone.", "Take it off the list, or undo its deletion.")
+        raise TakeError(f"The object of {body.called} is gone.", "Take it off the list, or undo its deletion.")
     smooth = 0 if arrays.get("shell", False) else plan.smooth  # a shell's vertices are its own: what ripples in it, it has
     plan = dataclasses.replace(plan, fps=fps, cache=take.file(f"bodies/{body.result}"), smooth=smooth)
     if not force:
@@ -192,7 +192,7 @@ def bake_bodies(
     if noted and takes.stamp_of(folder, "resimulate") != noted:
         raise TakeError(f"{folder} has another motion by now: another version of this file simulated its own.", "Run Re-simulate again.")
     chosen = _named(bodies, name)
-    missing = [body.name for body in chosen if not (folder / "bodies" / f"{body.result}.npz").is_file()]
+    missing = [body.called for body in chosen if not (folder / "bodies" / f"{body.result}.npz").is_file()]
     if missing:
         raise TakeError(f"{folder} holds no motion of {', '.join(missing)}.", "Run Re-simulate again.")
     plan = dataclasses.replace(plan_of(scene), preview=preview)

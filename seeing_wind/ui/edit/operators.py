@@ -1,5 +1,6 @@
 """The edit: which meshes move in the recovered field, what is held, how heavy they are, what is in their way; and further edits."""
 
+import sys
 from pathlib import Path
 
 import bpy
@@ -20,6 +21,8 @@ IMPORTERS = {".obj": "obj_import", ".ply": "ply_import", ".stl": "stl_import"}
 
 HERE = {"options": {"SKIP_SAVE"}, "update": None}
 """Of the properties of operators that are not the scene's."""
+FACTOR = HERE | {"default": 2.0, "min": -sys.float_info.max, "soft_min": 0.001}
+"""Blender would put the least factor in place of a wrong one, and say nothing; the operators refuse it."""
 BODY = options_of(BodyEdit)
 
 SAME = [("SAME", "As Recovered", "The material of the object in the clip", len(MATERIAL_ITEMS)), *MATERIAL_ITEMS]
@@ -93,7 +96,7 @@ class SEEING_WIND_OT_remove_body(DirectOperator, bpy.types.Operator):
         """Objects and keyframes are not touched."""
         settings = context.scene.seeing_wind
         index = _active(settings)
-        name = settings.bodies[index].name
+        name = settings.bodies[index].called
         settings.bodies.remove(index)
         settings.active_body = max(0, min(index, len(settings.bodies) - 1))
         return f"Removed {name} from the list"
@@ -116,7 +119,7 @@ class SEEING_WIND_OT_pin_vertices(DirectOperator, bpy.types.Operator):
         body = settings.bodies[_active(settings, self.object)]
         obj = settings.recovered_object if body.is_recovered else body.object
         if obj is None:
-            raise UsageError(f"The object of {body.name} is gone.", "Take it off the list, or undo its deletion.")
+            raise UsageError(f"The object of {body.called} is gone.", "Take it off the list, or undo its deletion.")
         if obj.mode == "EDIT":
             obj.update_from_editmode()
         active = obj.vertex_groups.active
@@ -124,7 +127,7 @@ class SEEING_WIND_OT_pin_vertices(DirectOperator, bpy.types.Operator):
         _, weights = pinned_vertices(obj, context.evaluated_depsgraph_get(), group)
         body.pin_group = group
         soft = int((weights < FIRM).sum())
-        return f"{len(weights)} vertices of {body.name} are held" + (f", {soft} of them softly" if soft else "")
+        return f"{len(weights)} vertices of {body.called} are held" + (f", {soft} of them softly" if soft else "")
 
 
 class ScaleOperator(DirectOperator):
@@ -141,8 +144,12 @@ class ScaleOperator(DirectOperator):
         """Noted for the next re-simulation."""
         settings = context.scene.seeing_wind
         body = settings.bodies[_active(settings, self.object)]
+        setting = body.bl_rna.properties[self.sets]
+        if not setting.hard_min <= self.factor < setting.hard_max:  # not a number is none of these either
+            what = f"The {setting.name.lower()} of {body.called} cannot be {self.factor:g}."
+            raise UsageError(what, f"Give {setting.hard_min:.2g} or more; 1 leaves it as it is.")
         setattr(body, self.sets, self.factor)
-        return self.says.format(body=body.name, factor=self.factor)
+        return self.says.format(body=body.called, factor=self.factor)
 
 
 class SEEING_WIND_OT_scale_mass(ScaleOperator, bpy.types.Operator):
@@ -151,7 +158,7 @@ class SEEING_WIND_OT_scale_mass(ScaleOperator, bpy.types.Operator):
     bl_idname = "seeing_wind.scale_mass"
     bl_label = "Scale Mass"
     sets, says = "mass_scale", "{body} has {factor:g} times its mass"
-    factor: property_of(BODY["mass_scale"], **HERE, default=2.0)
+    factor: property_of(BODY["mass_scale"], **FACTOR)
 
 
 class SEEING_WIND_OT_scale_stiffness(ScaleOperator, bpy.types.Operator):
@@ -160,7 +167,7 @@ class SEEING_WIND_OT_scale_stiffness(ScaleOperator, bpy.types.Operator):
     bl_idname = "seeing_wind.scale_stiffness"
     bl_label = "Scale Stiffness"
     sets, says = "stiffness_scale", "{body} is {factor:g} times as stiff as its material"
-    factor: property_of(BODY["youngs_modulus_scale"], **HERE, default=2.0)
+    factor: property_of(BODY["youngs_modulus_scale"], **FACTOR)
 
 
 class SEEING_WIND_OT_free_recovered(DirectOperator, bpy.types.Operator):
@@ -227,7 +234,7 @@ class SEEING_WIND_OT_remove_collider(DirectOperator, bpy.types.Operator):
         index = settings.active_collider
         if index >= len(settings.colliders):
             raise UsageError("There is no collider.", "Add one first.")
-        name = settings.colliders[index].name
+        name = settings.colliders[index].called
         settings.colliders.remove(index)
         settings.active_collider = max(0, min(index, len(settings.colliders) - 1))
         return f"Bodies no longer collide with {name}"

@@ -171,8 +171,7 @@ class SEEING_WIND_UL_bodies(bpy.types.UIList):
         gone = not item.is_recovered and is_gone(item.object, context.scene)
         row = layout.row()
         row.alert = gone
-        name = item.name if item.object is None else item.object.name
-        row.label(text=f"{name} (gone)" if gone else name, icon="ERROR" if gone else "MESH_DATA")
+        row.label(text=f"{item.called} (gone)" if gone else item.called, icon="ERROR" if gone else "MESH_DATA")
         if item.pin_group:
             row.label(text="", icon="PINNED")
         if item.mass_scale != 1.0:
@@ -187,7 +186,7 @@ class SEEING_WIND_UL_colliders(bpy.types.UIList):
         row = layout.row()
         gone = is_gone(item.object, context.scene)
         row.alert = gone
-        row.label(text=f"{item.name} (gone)" if gone else item.object.name, icon="ERROR" if gone else "MOD_PHYSICS")
+        row.label(text=f"{item.called} (gone)" if gone else item.called, icon="ERROR" if gone else "MOD_PHYSICS")
 
 
 class SEEING_WIND_UL_edits(bpy.types.UIList):

@@ -12,8 +12,17 @@ from ..option_properties import property_of, with_options
 from ..property_kinds import KEPT, MATERIAL_ITEMS, changed, choice, is_mesh, number, toggle
 
 
+class Line:
+    """Mix-in of a line of the panel's lists."""
+
+    @property
+    def called(self) -> str:
+        """As the user knows it: by the name of its object, which may have been renamed, and the last one of an object that is gone."""
+        return self.name if self.object is None else self.object.name
+
+
 @with_options(BodyEdit)
-class SEEING_WIND_PG_body(bpy.types.PropertyGroup):
+class SEEING_WIND_PG_body(Line, bpy.types.PropertyGroup):
     """One body of the edit: a mesh object, or the clip's own object."""
 
     is_recovered: BoolProperty(name="Recovered Object", description="The object of the clip itself, at its recovered material")
@@ -36,7 +45,7 @@ class SEEING_WIND_PG_body(bpy.types.PropertyGroup):
 
 
 @with_options(ColliderEdit)
-class SEEING_WIND_PG_collider(bpy.types.PropertyGroup):
+class SEEING_WIND_PG_collider(Line, bpy.types.PropertyGroup):
     """Something that stands in the bodies' way and is not moved by them."""
 
     object: PointerProperty(

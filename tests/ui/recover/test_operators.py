@@ -241,6 +241,25 @@ def test_edit_resimulate_and_bake(workplace, scene) -> None:
     np.testing.assert_allclose((again - ends["Free", 1])[:, 2], -fallen / 4.0, atol=1e-5)
 
 
+def test_an_object_that_was_renamed_and_deleted_is_called_as_the_user_called_it(workplace, scene) -> None:
+    recover(workplace)
+    body, wall = cube("Flag"), cube("Wall")
+    bpy.ops.seeing_wind.insert_mesh(object="Flag")
+    bpy.ops.seeing_wind.insert_collider(object="Wall")
+    body.name, wall.name = "Banner ü", "Mauer"
+    bpy.ops.seeing_wind.scale_mass(object="Banner ü")
+    bpy.ops.seeing_wind.resimulate()
+    bpy.data.objects.remove(body)
+    for call in (bpy.ops.seeing_wind.bake, bpy.ops.seeing_wind.resimulate, bpy.ops.seeing_wind.pin_vertices):
+        with pytest.raises(RuntimeError, match="The object of Banner ü is gone"):
+            call()
+    bpy.ops.seeing_wind.remove_body()
+    bpy.ops.seeing_wind.insert_mesh(object=cube("Flag").name)
+    bpy.data.objects.remove(wall)
+    with pytest.raises(RuntimeError, match="collider Mauer is gone"):
+        bpy.ops.seeing_wind.resimulate()
+
+
 def test_objects_that_the_user_renames_or_deletes_never_raise(workplace, scene) -> None:
     recover(workplace)
     gone, kept = cube("Gone"), cube("Kept")

@@ -62,8 +62,8 @@ class Body(Mover):
         values |= {"material": None} if body.is_recovered else {}
         # a sheet's numbers mean nothing to a solid
         values = {name: value for name, value in values.items() if name not in SHEET or (value is not None and is_shell(body))}
-        result = _free_name(body.name if obj is None else obj.name, taken)
-        return cls(body.name, result, obj, values, body.is_recovered, body.pin_group, body.free_mode, body.free_group)
+        result = _free_name(body.called, taken)
+        return cls(body.called, result, obj, values, body.is_recovered, body.pin_group, body.free_mode, body.free_group)
 
     @property
     def called(self) -> str:
@@ -117,8 +117,7 @@ class EditRequest:
             stands=field_place.stamp(scene),
             bodies=tuple(Body.of(body, bodies) for body in settings.bodies),
             colliders=tuple(
-                Mover(each.name, _free_name(each.object.name if each.object is not None else each.name, walls), each.object,
-                      values_of(each, ColliderEdit))
+                Mover(each.called, _free_name(each.called, walls), each.object, values_of(each, ColliderEdit))
                 for each in settings.colliders
             ),
             floor=floor, values={name: value for name, value in part_of(values, Edit).items() if value is not None},
