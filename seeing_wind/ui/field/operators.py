@@ -15,6 +15,7 @@ from ..job.worker_command import command, environment
 from ..property_kinds import PATH
 from ..user_paths import absolute
 from .display import field_at_hand, frames_per_second, is_field, is_wind, out_of_time, said_of_fit, said_of_pace
+from .vdb_here import available
 
 ONE_FILE = [
     ("FGA", "FGA", "Vector field of Unreal Engine, one file per frame"),
@@ -25,6 +26,8 @@ FORMATS = [
     ("VDB", "OpenVDB", "Volumes with the grids force, velocity (of a wind) and confidence, one file per frame, written by Blender"),
     *ONE_FILE,
 ]
+DEFAULT = "VDB" if available() else "NPZ"
+"""What this build of Blender can write without more ado."""
 
 
 def chosen_field(context: bpy.types.Context, name: str) -> bpy.types.Object:
@@ -216,7 +219,7 @@ class SEEING_WIND_OT_export_field(DirectOperator, bpy.types.Operator):
     bl_options = {"REGISTER"}
 
     field: StringProperty(name="Field", options={"SKIP_SAVE"}, description="Name of the field; empty: the selected or the scene's own")
-    format: EnumProperty(name="Format", items=FORMATS, options={"SKIP_SAVE"}, description="Which kind of file")
+    format: EnumProperty(name="Format", items=FORMATS, default=DEFAULT, options={"SKIP_SAVE"}, description="Which kind of file")
     filepath: StringProperty(
         name="To", subtype="FILE_PATH", options=PATH,
         description="Folder of the files (NPZ: the file); empty: a folder beside the take",

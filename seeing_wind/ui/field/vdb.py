@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 from pathlib import Path
 
 import bpy
@@ -14,20 +13,14 @@ from .display import share
 from .field_object import SOLVER_DELAY
 from .samples import read_samples, samples_of
 from .texture.reach import reach_of
+from .vdb_here import available
 
 UNITS = {"force": "N/m3", "velocity": "m/s", "confidence": "1"}
 """The grids, and what their metadata call their unit. Blender blurs volumes by a grid of the name `velocity`."""
 CLASSES = {"force": "covariant", "velocity": "contravariant relative"}
 """OpenVDB's classes of vectors: how they turn and stretch with the volume."""
-
-
 FLAT = 1e-6
 """Share of its volume below which a field object is scaled to nothing."""
-
-
-def available() -> bool:
-    """Whether this Blender can write VDB files."""
-    return importlib.util.find_spec("openvdb") is not None
 
 
 def write_vdb(scene: bpy.types.Scene, field: bpy.types.Object, folder: Path) -> list[Path]:
