@@ -14,7 +14,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from ...engine.errors import SeeingWindError, UsageError
+from ...engine.errors import SeeingWindError, TakeError, UsageError
 from ...engine.take import Take
 from ..clip.clip_scene import frame_image
 from ..clip.inputs.clips import check_film, refuse_footage
@@ -67,8 +67,6 @@ class Composite:
     """Of the depth of field; 0: none."""
     astray: str
     """That the camera stands elsewhere than the clip's did, and what to do; "" where it does not."""
-    missing: str
-    """That the take's folder is gone, and what cannot be done without it; "" where it is there."""
     changed: tuple[str, ...]
     """What of the scene's render settings is otherwise now, in words."""
     lacking: tuple[str, ...]
@@ -77,7 +75,7 @@ class Composite:
     @property
     def warnings(self) -> list[str]:
         """What is wrong with it."""
-        return [each for each in (self.astray, self.missing, *self.lacking) if each]
+        return [each for each in (self.astray, *self.lacking) if each]
 
     def __str__(self) -> str:
         parts = ["the clip" if self.behind == "clip" else f"the {self.behind}, since the clip's object moves anew"]
@@ -111,6 +109,7 @@ def set_up(
 
     Raises:
         UsageError: without camera and clip, when the clip's file is gone, or without a plate where one is asked for.
+        TakeError: when the folder of the take is gone; a composite that is set up already stays as it is.
     """
     settings, clip = scene.seeing_wind, scene.active_clip
     if scene.camera is None or clip is None:
@@ -120,7 +119,7 @@ def set_up(
     check_film(clip)
     again = any(body.is_recovered for body in settings.bodies)
     use_plate = plate == "PLATE" or (plate == "AUTO" and again)
-    take = Take(takes.shown(settings)) if settings.recovered_take else None
+    take = _take_of(settings)
     plate_image = _plate(take) if use_plate else None
     mattes = mattes_of(scene, take) if take is not None else None
     depths = _depths(take) if take is not None and mattes is not None else None
@@ -145,7 +144,7 @@ def set_up(
     drop_lenses()
     behind = "clip" if not use_plate else "plate" if mattes is None else "moving plate"
     return Composite(
-        behind, tuple(catchers), held_out, lens is not None, noise, softness, light, shutter, fstop, astray(scene), _missing(take),
+        behind, tuple(catchers), held_out, lens is not None, noise, softness, light, shutter, fstop, astray(scene),
         tuple(changed), tuple(said_of_render(scene)),
     )
 
@@ -204,10 +203,18 @@ def astray(scene: bpy.types.Scene) -> str:
     return f"{camera.name} is not where the clip's camera was, so nothing stands where it belongs: make {clips.name} the active camera."
 
 
-def _missing(take: Take | None) -> str:
-    if take is None or take.path.is_dir():
-        return ""
-    return f"There is no folder {take.path}: without it there are no outlines, grain, softness and lens of the clip. Put it back."
+def _take_of(settings: bpy.types.PropertyGroup) -> Take | None:
+    """What the scene knows of its clip; None for a scene without a recovery, of which a lone wind is none.
+
+    Raises:
+        TakeError: when its folder is gone: outlines, grain, softness and lens of the clip would be missing.
+    """
+    if not settings.recovered_take or takes.shows_lone(settings):
+        return None
+    folder = takes.shown(settings)
+    if not folder.is_dir():
+        raise TakeError(*takes.gone(folder))
+    return Take(folder)
 
 
 def _hold_out(scene: bpy.types.Scene, depths: np.ndarray | None, mattes: Mattes | None, hidden: bool) -> str:

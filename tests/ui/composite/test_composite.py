@@ -25,6 +25,7 @@ from seeing_wind.ui.job import takes
 from seeing_wind.ui.user_paths import absolute
 from tests.ui.composite.rendering import red_cube, render
 from tests.ui.jobs import notes_of, recover
+from tests.ui.meshes import cube
 
 
 def test_the_edit_is_rendered_over_the_clip(scene, tmp_path):
@@ -111,10 +112,14 @@ def test_two_scenes_of_a_file_keep_their_composites(scene, workplace):
 
 def test_a_clip_or_a_take_that_is_gone_is_told(scene, tmp_path, workplace):
     bpy.ops.seeing_wind.set_up_composite(samples=1)
+    bpy.ops.seeing_wind.insert_mesh(object=cube("Box").name)
     take = workplace / "out.take"
     take.rename(workplace / "away.take")
-    said = composite.set_up(scene, samples=1)
-    assert said.warnings == [said.missing] and str(take) in said.missing and said.grain == said.softness == 0.0
+    former = scene.seeing_wind.composite_said
+    for call in (lambda: bpy.ops.seeing_wind.set_up_composite(samples=2), bpy.ops.seeing_wind.resimulate):
+        with pytest.raises(RuntimeError, match="There is no folder .*out.take. Put it beside the .blend file, or run Recover again"):
+            call()
+    assert is_set_up(scene) and scene.seeing_wind.composite_said == former
     (workplace / "away.take").rename(take)
     assert not composite.set_up(scene, samples=1).warnings
     (workplace / "clip.mp4").rename(workplace / "away.mp4")
@@ -153,8 +158,9 @@ def test_calibrate_takes_the_active_object_and_reports(scene):
 
 def test_the_field_goes_into_vdb_files_where_blender_can(scene, tmp_path):
     if not field_vdb.available():
-        with pytest.raises(RuntimeError, match="no OpenVDB"):
-            bpy.ops.seeing_wind.export_field(filepath=str(tmp_path / "vdb"))
+        with pytest.raises(RuntimeError, match="no OpenVDB.*Export FGA, PLY or NPZ"):
+            bpy.ops.seeing_wind.export_field(format="VDB", filepath=str(tmp_path / "vdb"))
+        assert bpy.ops.seeing_wind.export_field(filepath=str(tmp_path / "as it can")) == {"FINISHED"}, "what it can write"
         return
     assert bpy.ops.seeing_wind.export_field(filepath=str(tmp_path / "vdb")) == {"FINISHED"}
     assert len(list((tmp_path / "vdb").glob("*.vdb"))) == 12
