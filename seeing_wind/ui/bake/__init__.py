@@ -4,6 +4,7 @@ properties  its settings
 operators   Bake to Keyframes, Clear Bake
 panel       the panel *Bake*
 bodies      the bodies of an edit get their motion, on their own object or on a copy
+left        motion of bodies that are no longer in the list; no NumPy
 motion      one mesh and its motion, in the way that suits it
 shapes      ... as absolute shape keys
 rigid       ... as keys of location and rotation

@@ -19,6 +19,7 @@ from ..job.take_reading import simulated_motion
 from ..scene_units import metres_per_unit
 from . import rigid as bake_rigid
 from .at_rest import at_rest
+from .left import LEFT, STANDS_FOR, left_in
 from .motion import allowed, awake_on_top, bake_motion, baked_copy, baked_frames, check_file, clear_bake
 from .plan import AUTO, TRANSFORM, Baked, Plan, mark_of, plan_of, stamp_of_bakes
 
@@ -153,13 +154,16 @@ def _hide(obj: bpy.types.Object) -> None:
 
 def _remove_copy(body: bpy.types.PropertyGroup) -> None:
     """Remove the copy that stood in for a body's object, and show that object again."""
-    copy, source = body.baked_copy, body.object
+    copy, body.baked_copy = body.baked_copy, None
+    _remove_stand_in(copy, body.object)
+
+
+def _remove_stand_in(copy: bpy.types.Object | None, source: bpy.types.Object | None) -> None:
     if source is not None and HIDDEN in source:
         source.hide_viewport, source.hide_render = (bool(value) for value in source[HIDDEN])
         del source[HIDDEN]
     if copy is None:
         return
-    body.baked_copy = None
     clear_bake(copy)
     mesh = copy.data
     bpy.data.objects.remove(copy)
@@ -205,11 +209,25 @@ def bake_bodies(
 
 
 def clear_bodies(scene: bpy.types.Scene, name: str) -> int:
-    """Take the motion of all bodies away, or of the one of this name. Returns of how many."""
-    settings = scene.seeing_wind
-    cleared = sum(clear_body(scene, body) for body in _named(list(settings.bodies), name))
+    """Take the motion of all bodies away, or of the one of this name; where no body has any, of those that are no longer in the list.
+    Returns of how many."""
+    settings, left = scene.seeing_wind, [obj for obj in left_in(scene) if name in ("", obj.name, _stands_for(obj))]
+    cleared = 0 if name and left else sum(clear_body(scene, body) for body in _named(list(settings.bodies), name))
     settings.baked_digest = ""
-    return cleared
+    if cleared:
+        return cleared
+    for obj in left:
+        if STANDS_FOR in obj:
+            _remove_stand_in(obj, obj[STANDS_FOR])
+        else:
+            clear_bake(obj)
+            del obj[LEFT]
+    return len(left)
+
+
+def _stands_for(copy: bpy.types.Object) -> str:
+    source = copy.get(STANDS_FOR)
+    return source.name if source is not None else ""
 
 
 def _named(bodies: Sequence[bpy.types.PropertyGroup], name: str) -> list[bpy.types.PropertyGroup]:

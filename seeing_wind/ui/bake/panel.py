@@ -1,6 +1,7 @@
 """The panel *Bake*."""
 
 from ..job.panel_pieces import Tab, columns, draw_job, draw_preview_mark, draw_range, fold, panels
+from .left import left_in
 from .plan import MARK
 
 
@@ -21,7 +22,7 @@ class BakeTab(Tab):
         missing = "" if settings.simulated_take or settings.coarse_take else "First re-simulate"
         draw_job(layout, context, "bake", "seeing_wind.bake", "Bake to Keyframes", "KEYFRAME", missing)
         draw_preview_mark(layout, context, self.step)
-        if any(MARK in (body.baked_copy or body.object or ()) for body in settings.bodies):
+        if any(MARK in (body.baked_copy or body.object or ()) for body in settings.bodies) or left_in(context.scene):
             layout.operator("seeing_wind.clear_bake", icon="X")
 
 

@@ -1,23 +1,21 @@
 """The edit: which meshes move in the recovered field, what is held, how heavy they are, what is in their way; and further edits."""
 
 import sys
-from pathlib import Path
 
 import bpy
 from bpy.props import BoolProperty, EnumProperty, StringProperty
 
 from ...engine.errors import UsageError
 from ...engine.settings import BodyEdit, ColliderEdit, options_of
+from ..bake.left import leave, take_back
 from ..direct_operator import DirectOperator
-from ..job.worker import said_by
 from ..option_properties import give, panel_options, property_of, with_options
 from ..property_kinds import MATERIAL_ITEMS, PATH
 from ..recover.shown import shows_field
 from ..user_paths import absolute
 from .cloth_look import dress
+from .importing import import_meshes
 from .sheet_label import is_shell
-
-IMPORTERS = {".obj": "obj_import", ".ply": "ply_import", ".stl": "stl_import"}
 
 HERE = {"options": {"SKIP_SAVE"}, "update": None}
 """Of the properties of operators that are not the scene's."""
@@ -57,6 +55,7 @@ class SEEING_WIND_OT_insert_mesh(DirectOperator, bpy.types.Operator):
         for obj in new:
             body = settings.bodies.add()
             body.name, body.is_recovered, body.object = (obj.name if obj else "Recovered Object"), obj is None, obj
+            take_back(body, obj or settings.recovered_object, context.scene)
             body.material = settings.material if self.material == "SAME" else self.material
             body.pin_group = self.pin_group
             for one in panel_options(BodyEdit):
@@ -71,7 +70,7 @@ class SEEING_WIND_OT_insert_mesh(DirectOperator, bpy.types.Operator):
     def _meshes(self, context) -> list:
         settings = context.scene.seeing_wind
         if self.filepath:
-            found = _import(absolute(self.filepath))
+            found = import_meshes(absolute(self.filepath))
         elif self.object:
             obj = context.scene.objects.get(self.object)
             if obj is None or obj.type != "MESH":
@@ -87,7 +86,7 @@ class SEEING_WIND_OT_insert_mesh(DirectOperator, bpy.types.Operator):
 
 
 class SEEING_WIND_OT_remove_body(DirectOperator, bpy.types.Operator):
-    """Take the active body off the list; its object stays"""
+    """Take the active body off the list; its object and its motion stay, until Clear Bake takes the motion away"""
 
     bl_idname = "seeing_wind.remove_body"
     bl_label = "Remove"
@@ -96,7 +95,9 @@ class SEEING_WIND_OT_remove_body(DirectOperator, bpy.types.Operator):
         """Objects and keyframes are not touched."""
         settings = context.scene.seeing_wind
         index = _active(settings)
-        name = settings.bodies[index].called
+        body = settings.bodies[index]
+        name = body.called
+        leave(body, settings.recovered_object if body.is_recovered else body.object)
         settings.bodies.remove(index)
         settings.active_body = max(0, min(index, len(settings.bodies) - 1))
         return f"Removed {name} from the list"
@@ -276,20 +277,6 @@ def _active(settings: bpy.types.PropertyGroup, name: str = "") -> int:
     if settings.active_body < len(settings.bodies):
         return settings.active_body
     raise UsageError("No mesh is inserted.", "Insert one first.")
-
-
-def _import(path: str) -> list[bpy.types.Object]:
-    importer = IMPORTERS.get(Path(path).suffix.lower())
-    if importer is None:
-        raise UsageError(f"{path} is no OBJ, PLY or STL file.", "Import it by File > Import and insert the selected object.")
-    if not Path(path).is_file():
-        raise UsageError(f"There is no file {path}.", "Choose another one.")
-    before = set(bpy.data.objects)
-    try:
-        getattr(bpy.ops.wm, importer)(filepath=path)
-    except RuntimeError as error:
-        raise UsageError(f"Blender cannot import {path}: {said_by(error)}.", "Choose another file.") from error
-    return [obj for obj in bpy.data.objects if obj not in before and obj.type == "MESH"]
 
 
 CLASSES = (
