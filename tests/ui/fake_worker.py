@@ -1,8 +1,8 @@
 """Speaks the worker's protocol without an engine: `fake_worker.py BEHAVIOUR [arguments ignored]`, standard library only.
 
-Behaviours: done, warned (a video is missing, exit 3), error, crash (Python exception), die (kills itself), mute (exit 1, says nothing),
-hang (works, and then waits until it is asked to stop), stubborn (no request and no SIGTERM stops it), chatty (lines that are no messages),
-offspring (leaves a child that holds the pipes).
+Behaviours: done, warned (a video is missing, exit 3), error, flags (an error that names options), crash (Python exception), die (kills
+itself), mute (exit 1, says nothing), hang (works, and then waits until it is asked to stop), stubborn (no request and no SIGTERM stops it),
+chatty (lines that are no messages), offspring (leaves a child that holds the pipes).
 SEEING_WIND_FAKE_SECONDS sets how long `done` and `hang` work.
 """
 
@@ -76,6 +76,11 @@ def main() -> int:
             mend="",
         )
         send(type="result", outcome="failed", message="The box lies outside the frame.")
+        return 1
+    elif behaviour == "flags":
+        send(type="warning", message="--fov is a guess.")
+        send(type="error", message="There is nothing in --box.", hint="Draw --box round the object.", mend="")
+        send(type="result", outcome="failed", message="There is nothing in --box.")
         return 1
     elif behaviour == "crash":
         raise RuntimeError("the grid is empty")

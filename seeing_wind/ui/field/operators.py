@@ -11,6 +11,7 @@ from ...engine.errors import SeeingWindError, UsageError
 from ..direct_operator import DirectOperator
 from ..job import console, takes, worker
 from ..job.install.environment import engine_python
+from ..job.panel_words import in_panel_words
 from ..job.worker_command import command, environment
 from ..property_kinds import PATH
 from ..user_paths import absolute
@@ -256,7 +257,7 @@ class SEEING_WIND_OT_export_field(DirectOperator, bpy.types.Operator):
     def _run(self, messages: "worker.Messages") -> None:
         """Some seconds, so it is waited for. Raises SeeingWindError with what the engine said."""
         errors: list[dict] = []
-        out = console.Console() if bpy.app.background else None
+        out = console.ReportsBesides() if bpy.app.background else None
 
         def handle(message: dict) -> None:
             if message["type"] == "error":
@@ -266,7 +267,7 @@ class SEEING_WIND_OT_export_field(DirectOperator, bpy.types.Operator):
 
         if worker.wait(messages, handle)["outcome"] != "done":
             last = errors[-1] if errors else {"message": "The export failed.", "hint": ""}
-            raise SeeingWindError(last["message"], last.get("hint", ""))
+            raise SeeingWindError(*(in_panel_words(str(last.get(key, ""))) for key in ("message", "hint")))
 
 
 CLASSES = (

@@ -6,6 +6,8 @@ import sys
 import time
 from typing import TYPE_CHECKING, TextIO
 
+from .panel_words import in_panel_words
+
 if TYPE_CHECKING:
     from .worker import Message
 
@@ -53,6 +55,21 @@ class Console:
         self.stage, self.shown = stage, now
         residual = f", residual {message['residual']:.4g}" if "residual" in message else ""
         print(f"{stage:>10} {100 * message.get('fraction', 0.0):4.0f} %  {message.get('message', '')}{residual}", file=self.out, flush=True)
+
+
+class ReportsBesides(Console):
+    """For an operator, whose reports Blender prints: its failure is one of them, so that only the log is left to show. In the panel's
+    words, as the reports are."""
+
+    def show(self, message: Message) -> None:
+        """One message."""
+        if message["type"] == "error":
+            if message.get("log"):
+                print(message["log"], file=self.err, flush=True)
+            return
+        if message["type"] == "warning":
+            message = message | {"message": in_panel_words(str(message.get("message", "")))}
+        super().show(message)
 
 
 def _is_figure(key: str, value: object) -> bool:

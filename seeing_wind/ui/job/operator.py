@@ -90,7 +90,7 @@ class JobOperator:
         if self.key in jobs:
             self.report({"ERROR"}, "A job of this scene is running. Cancel it first.")
             return {"CANCELLED"}
-        self.console = console.Console() if bpy.app.background else None
+        self.console = console.ReportsBesides() if bpy.app.background else None
         # Registered before anything is started, so that a second click finds it.
         try:
             jobs[self.key] = Running(self.start(scene))
