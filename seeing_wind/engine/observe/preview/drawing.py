@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
-from ...conventions import in_units
+from ...conventions import in_figures
 from ...records import Observation
 from .verdicts import Verdict
 
@@ -84,6 +84,12 @@ def _outline(canvas: np.ndarray, mask: np.ndarray, color: tuple[int, int, int], 
     cv2.drawContours(canvas, lines, -1, color, width, cv2.LINE_AA)
 
 
+def bar_label(length: float) -> str:
+    """A scale bar's length [m] as it is on a ruler: in mm under 10 cm, in cm under 1 m, else in m."""
+    unit, scale = ("mm", 1e-3) if length < 0.0999 else ("cm", 1e-2) if length < 0.999 else ("m", 1.0)
+    return f"{in_figures(length / scale)} {unit}"
+
+
 def _scale_bar(canvas: np.ndarray, pixels_per_metre: float, width: int) -> None:
     if pixels_per_metre <= 0.0:
         return
@@ -93,5 +99,5 @@ def _scale_bar(canvas: np.ndarray, pixels_per_metre: float, width: int) -> None:
     y, x0, x1 = canvas.shape[0] - 14, 12, 12 + round(length * pixels_per_metre)
     for color, thick in (((0, 0, 0), 3 * width + 2), (TEXT, width + 1)):
         cv2.line(canvas, (x0, y), (x1, y), color, thick)
-        words = in_units(length, "m")
+        words = bar_label(length)
         cv2.putText(canvas, words, (x0, y - 8), cv2.FONT_HERSHEY_SIMPLEX, 0.5 * max(1, width), color, thick, cv2.LINE_AA)

@@ -15,7 +15,7 @@ from scenes import Scene
 from seeing_wind.engine.command.arguments import parser
 from seeing_wind.engine.command.observe import observe
 from seeing_wind.engine.observe.clip import frames
-from seeing_wind.engine.observe.preview.drawing import Canvas
+from seeing_wind.engine.observe.preview.drawing import Canvas, bar_label
 from seeing_wind.engine.observe.preview.held import propose_held
 from seeing_wind.engine.observe.preview.verdicts import Verdict, doubt_remarks, judge
 from seeing_wind.engine.progress import NoProgress
@@ -225,6 +225,12 @@ def test_the_film_shows_the_outline_at_its_own_size(disc: Scene, disc_seen: Obse
     middle, radius = (disc.centers[7] + 0.5) / 2 - 0.5, 17.0
     away = np.hypot(columns - middle[0], rows - middle[1])
     assert len(away) > 50 and np.abs(away - radius).max() < 2.5
+
+
+def test_the_scale_bar_is_labelled_as_a_ruler_is() -> None:
+    lengths = [digit * 10.0 ** np.float64(power) for power in (-3, -2, -1, 0) for digit in (1.0, 2.0, 5.0)]
+    labels = "1 mm, 2 mm, 5 mm, 10 mm, 20 mm, 50 mm, 10 cm, 20 cm, 50 cm, 1 m, 2 m, 5 m"
+    assert [bar_label(length) for length in lengths] == labels.split(", ")
 
 
 def test_recover_goes_on_from_it(disc: Scene, shown: tuple[Path, dict]) -> None:
