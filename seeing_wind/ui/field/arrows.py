@@ -14,6 +14,7 @@ from ...engine.errors import UsageError
 from ..scene_units import metres_per_unit
 from .display import ARROWS_MATERIAL, SURE
 from .node_groups import GroupBuilder, points_of_current_frame, set_up_modifier
+from .texture.reach import left_near, reach_of
 
 WEAK_TO_STRONG = (
     (0.00, (0.5, 0.0, 1.0)),
@@ -39,6 +40,9 @@ COLOUR = "wind_colour"
 STRENGTH_SHOWN = 0.01
 """Arrows below this fraction of the peak are hidden; their direction says nothing."""
 
+AWAY = "distance"
+"""Attribute of the arrows' mesh: how far each is from the filmed object [scene units]; without it the field is known everywhere."""
+
 
 def create_arrows(
     scene: bpy.types.Scene,
@@ -50,6 +54,7 @@ def create_arrows(
     *,
     length: float | None = None,
     peak: float | None = None,
+    distance: np.ndarray | None = None,
     units: str = "N/m³",
     parent: bpy.types.Object | None = None,
     collection: bpy.types.Collection | None = None,
@@ -64,6 +69,7 @@ def create_arrows(
         frame_start: scene frame of clip frame 0.
         length: of an arrow at the peak [m]; by default so long that neighbours do not overlap.
         peak: strength drawn in red; by default nearly the largest.
+        distance: (T, M) of the arrows from the filmed object [m]: they are as strong as the reach of the field object leaves them.
         units: of the strength, for panel and legend.
         parent: the field object that the arrows follow when it is moved, turned or made stronger.
         collection: where to link them, by default the scene's own collection.
@@ -87,15 +93,47 @@ def create_arrows(
     length = length / unit if length else _free_length(positions[0])
     # at the field's own place: Blender draws a dashed line from every child to its parent
     place = np.zeros(3) if parent is None else np.array(parent.matrix_basis.translation)
-    obj = bpy.data.objects.new(name, _mesh(name, positions - place, vectors, np.minimum(size / peak, 1.0), confidence))
+    sure = np.ones_like(size) if confidence is None else np.asarray(confidence)
+    away = None if distance is None else np.asarray(distance) / unit
+    obj = bpy.data.objects.new(name, _mesh(name, positions - place, vectors, sure, away))
     set_up_modifier(obj, _arrow_group(name, positions.shape[1], len(vectors), frame_start, length, parent))
     obj["seeing_wind_peak"], obj["seeing_wind_units"] = peak, units
-    sure = np.ones_like(size) if confidence is None else np.asarray(confidence)
-    obj[SURE] = np.where(size > STRENGTH_SHOWN * peak, sure, 0.0).max(axis=1).tolist()
+    _show(obj, size, sure)
     (collection or scene.collection).objects.link(obj)
     if parent is not None:
         obj.parent, obj.matrix_parent_inverse, obj.location = parent, parent.matrix_basis.inverted(), place.tolist()
+        show_reach(obj, parent)
     return obj
+
+
+def show_reach(arrows: bpy.types.Object, field: bpy.types.Object) -> None:
+    """Draw arrows as strong as solvers feel their field object there: one that fades is weak away from the filmed object."""
+    mesh = arrows.data
+    if AWAY not in mesh.attributes or mesh.library is not None:
+        return
+    shape = (len(arrows[SURE]), -1)
+    size, sure, away = (_read(mesh, name).reshape(shape) for name in ("force", "confidence", AWAY))
+    box = np.array([vertex.co[:] for vertex in field.data.vertices])
+    _show(arrows, size * left_near(reach_of(field["seeing_wind_reach"], box), away), sure)
+
+
+def _read(mesh: bpy.types.Mesh, name: str) -> np.ndarray:
+    """The numbers of an attribute, the lengths of vectors."""
+    attribute = mesh.attributes[name]
+    vectors = attribute.data_type == "FLOAT_VECTOR"
+    flat = np.empty(len(mesh.vertices) * (3 if vectors else 1), dtype=np.float32)
+    attribute.data.foreach_get("vector" if vectors else "value", flat)
+    return np.linalg.norm(flat.reshape(-1, 3), axis=-1) if vectors else flat
+
+
+def _show(arrows: bpy.types.Object, size: np.ndarray, sure: np.ndarray) -> None:
+    """Length and colour of all arrows, from the field's strength (T, M) [its own unit] and confidence (T, M)."""
+    mesh, strength = arrows.data, np.minimum(size / arrows["seeing_wind_peak"], 1.0)
+    colours = np.concatenate([ramp_colours(strength), (FAINTEST + (1.0 - FAINTEST) * sure)[..., None]], axis=-1)
+    mesh.attributes["strength"].data.foreach_set("value", strength.astype(np.float32).ravel())
+    mesh.attributes[COLOUR].data.foreach_set("color", colours.astype(np.float32).ravel())
+    mesh.update_tag()
+    arrows[SURE] = np.where(strength > STRENGTH_SHOWN, sure, 0.0).max(axis=1).tolist()
 
 
 def _free_length(points: np.ndarray) -> float:
@@ -106,17 +144,17 @@ def _free_length(points: np.ndarray) -> float:
     return max(0.9 * nearest, 0.03 * float(np.linalg.norm(np.ptp(points, axis=0)))) or 0.1
 
 
-def _mesh(name: str, positions: np.ndarray, vectors: np.ndarray, strength: np.ndarray, confidence: np.ndarray | None) -> bpy.types.Mesh:
-    """All frames (T, M, ...) as T * M vertices with the attributes force [unit of the field], strength and confidence (0..1)."""
+def _mesh(name: str, positions: np.ndarray, vectors: np.ndarray, sure: np.ndarray, away: np.ndarray | None) -> bpy.types.Mesh:
+    """All frames (T, M, ...) as T * M vertices with the attributes force [unit of the field] and confidence (0..1); strength (0..1) and
+    colour are left to `_show`."""
     mesh = bpy.data.meshes.new(name)
-    mesh.vertices.add(strength.size)
+    mesh.vertices.add(sure.size)
     mesh.vertices.foreach_set("co", positions.astype(np.float32).ravel())
     mesh.attributes.new("force", "FLOAT_VECTOR", "POINT").data.foreach_set("vector", vectors.astype(np.float32).ravel())
-    sure = np.ones_like(strength) if confidence is None else np.asarray(confidence)
-    for key, values in {"strength": strength, "confidence": sure}.items():
+    for key, values in {"confidence": sure, **({} if away is None else {AWAY: away})}.items():
         mesh.attributes.new(key, "FLOAT", "POINT").data.foreach_set("value", values.astype(np.float32).ravel())
-    colours = np.concatenate([ramp_colours(strength), (FAINTEST + (1.0 - FAINTEST) * sure)[..., None]], axis=-1)
-    mesh.attributes.new(COLOUR, "FLOAT_COLOR", "POINT").data.foreach_set("color", colours.astype(np.float32).ravel())
+    mesh.attributes.new("strength", "FLOAT", "POINT")
+    mesh.attributes.new(COLOUR, "FLOAT_COLOR", "POINT")
     mesh.color_attributes.active_color_name = COLOUR
     mesh.materials.append(arrow_material())
     mesh.update()

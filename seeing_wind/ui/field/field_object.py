@@ -21,7 +21,8 @@ import numpy as np
 
 from ...engine.errors import UsageError
 from ..scene_units import metres_per_unit
-from .display import BLOWS, CARRIED, DRAG, FORCE, KIND, LINEAR, LOOP, NODES, SPEEDS, STRIDE, WIND, has_wind, share
+from .arrows import show_reach
+from .display import BLOWS, CARRIED, DRAG, FORCE, KIND, LINEAR, LOOP, NODES, SPEEDS, STRIDE, SURE, WIND, has_wind, share
 from .lattice import SampledField
 from .node_groups import GroupBuilder, set_up_modifier
 from .samples import create_samples, read_samples, sample_wind_group, samples_of, set_reach
@@ -199,6 +200,8 @@ def _blow(obj: bpy.types.Object, sampled: SampledField, reach: str, kind: str) -
     obj["seeing_wind_error"], obj[KIND] = felt.error_between_nodes(), kind
     obj[BLOWS], obj["seeing_wind_units"] = float(kind == WIND), "m/s" if kind == WIND else "N/m3"
     set_reach(samples_of(obj), end)
+    for arrows in [child for child in obj.children if SURE in child]:
+        show_reach(arrows, obj)
 
 
 def _wait(obj: bpy.types.Object, followers: Followers) -> None:

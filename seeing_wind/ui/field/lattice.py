@@ -133,6 +133,10 @@ class SampledField:
             None if distance is None else distance[:, keep],
         )  # fmt: skip
 
+    def distance_at(self, places: np.ndarray) -> np.ndarray:
+        """The distance (T, P) at places (P, 3), as of `at`; of a field that has it."""
+        return SampledField(self.points, np.repeat(self.distance[..., None], 3, axis=-1), self.confidence).at(places)[..., 0]
+
     def at(self, places: np.ndarray) -> np.ndarray:
         """The force (T, P, 3) at places (P, 3), linear between the nodes; beside the box that of its nearest place."""
         counts, (low, high) = np.array(self.counts), self.box

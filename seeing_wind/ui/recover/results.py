@@ -8,7 +8,7 @@ import bpy
 import numpy as np
 
 from ...engine.conventions import UNHELD
-from ...engine.errors import SeeingWindError, TakeError
+from ...engine.errors import SeeingWindError
 from ...engine.take import Take
 from ..bake.motion import bake_shape_keys
 from ..clip.clip_scene import create_recovered_object, setup_clip_scene
@@ -19,7 +19,6 @@ from ..field.arrows import create_arrows
 from ..field.conform import conform
 from ..field.display import is_field
 from ..field.field_object import create_field_object
-from ..field.lattice import SampledField
 from ..field.legend import create_legend
 from ..field.samples import samples_of
 from ..field.solvers import physics_nodes
@@ -31,7 +30,7 @@ from ..user_paths import absolute
 from .fill import fill
 from .renew_in_place import can_renew, discard, renew, tidy
 from .request import RecoverRequest
-from .sampling import Places, own_caches, places
+from .sampling import Places, Sampled, places, read_answer
 from .shown import LEGEND, POINTERS, SAMPLES_OBJECT, made_before
 
 COLLECTION = "Seeing Wind"
@@ -66,7 +65,7 @@ def build(scene: bpy.types.Scene, folder: Path, clip: str = "") -> bool:
     settings, take = scene.seeing_wind, Take(folder)
     field, where, told = field_summary(take), places(take), wind_told(take)
     blown = told if told is not None and told.is_wind else None
-    sampled = _sampled(take, where, field.frames, blown is not None)
+    sampled = read_answer(take, where, field.frames, blown is not None)
     seen = read_seen(take, field)
     path = "" if seen is None else clip or clip_of_take(settings, field.clip, folder)
     if seen is not None:
@@ -115,22 +114,22 @@ def _objects(
     folder: Path,
     field: FieldSummary,
     where: Places,
-    sampled: tuple[SampledField, np.ndarray, np.ndarray],
+    sampled: Sampled,
     blown: WindTold | None,
     collection: bpy.types.Collection,
 ) -> dict[str, bpy.types.Object]:
     """The field object, its samples, its arrows and their legend, by the names of `POINTERS`."""
-    settings, (at_nodes, at_arrows, sure_arrows) = scene.seeing_wind, sampled
+    settings = scene.seeing_wind
     wind = create_field_object(
-        scene, "Recovered Wind", at_nodes, fps=field.fps, density=field.density,
+        scene, "Recovered Wind", sampled.nodes, fps=field.fps, density=field.density,
         frame_start=settings.frame_start, reach=settings.own_reach, take=folder,
         kind=settings.own_kind, speeds=(blown.mean, blown.gust) if blown else (0.0, 0.0), drag=blown.drag if blown else 0.0,
         collection=collection,
     )  # fmt: skip
     standing = np.broadcast_to(where.arrows, (field.frames, *where.arrows.shape))
     arrows = create_arrows(
-        scene, "Recovered Wind Arrows", np.concatenate([standing, where.riding], axis=1), at_arrows, sure_arrows, settings.frame_start,
-        parent=wind, collection=collection, units="N/m³" if blown is None else "m/s",
+        scene, "Recovered Wind Arrows", np.concatenate([standing, where.riding], axis=1), sampled.arrows, sampled.sure,
+        settings.frame_start, parent=wind, collection=collection, units="N/m³" if blown is None else "m/s", distance=sampled.away,
     )  # fmt: skip
     low, high = field.box / metres_per_unit(scene)
     # so far to the left that its plate hides nothing of the field
@@ -140,31 +139,6 @@ def _objects(
         collection, wind,
     )  # fmt: skip
     return {"field_object": wind, SAMPLES_OBJECT: samples_of(wind), "arrows_object": arrows, LEGEND: legend}
-
-
-def _sampled(take: Take, where: Places, frames: int, wind: bool) -> tuple[SampledField, np.ndarray, np.ndarray]:
-    """What the engine answered: the field at its nodes, and the arrows' vectors (T, M, 3) and confidence (T, M).
-
-    Raises:
-        TakeError: when the answer is not that of this field, or not finite; with `wind`, when it has none.
-    """
-    samples, shape = take.read_arrays(own_caches()[1]), (frames, where.rows().shape[1])
-    if [np.shape(samples.get(name)) for name in ("force_density", "confidence", "distance")] != [(*shape, 3), shape, shape]:
-        raise TakeError(f"The samples in {take.path} do not fit its field.", "Load the results again.")
-    if not all(np.isfinite(samples[name]).all() for name in ("force_density", "confidence", "distance")):
-        raise TakeError(f"The field in {take.path} is not finite everywhere.", "Run Recover again.")
-    at_nodes, *at_arrows = where.split(samples["force_density"])
-    sure_nodes, *sure_arrows = where.split(samples["confidence"])
-    wind_at_nodes = None
-    if wind:
-        if np.shape(samples.get("wind_velocity")) != (*shape, 3) or not np.isfinite(samples["wind_velocity"]).all():
-            raise TakeError(f"The samples in {take.path} hold no wind.", "Load the results again.")
-        wind_at_nodes, *at_arrows = where.split(samples["wind_velocity"])
-        _, *sure_arrows = where.split(samples["wind_confidence"])
-    # of a wind that several takes share, from the nearest of their objects
-    away, *_ = where.split(samples["wind_distance" if wind else "distance"])
-    nodes = SampledField(where.nodes, at_nodes, sure_nodes, wind_at_nodes, away)
-    return nodes, np.concatenate(at_arrows, axis=1), np.concatenate(sure_arrows, axis=1)
 
 
 def digest_of_loaded(scene: bpy.types.Scene, filled: bool) -> str:

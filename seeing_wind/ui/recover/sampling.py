@@ -1,4 +1,4 @@
-"""The engine is asked for the field of a take at the places that the scene needs."""
+"""The engine is asked for the field of a take at the places that the scene needs, and its answer is read."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
+from ...engine.errors import TakeError
 from ...engine.systems import alive
 from ...engine.take import Take
-from ..field.lattice import fine_lattice, lattice
+from ..field.lattice import SampledField, fine_lattice, lattice
 from ..job import worker
 from ..job.take_reading import field_summary, trajectory
 from ..job.worker_command import command, environment
@@ -45,6 +46,19 @@ class Places:
         return np.split(samples, [len(self.nodes), len(self.nodes) + len(self.arrows)], axis=1)
 
 
+@dataclass(frozen=True)
+class Sampled:
+    """The field at these places."""
+
+    nodes: SampledField
+    arrows: np.ndarray
+    """(T, M + R, 3) at the arrows [N/m³ or m/s]."""
+    sure: np.ndarray
+    """(T, M + R) confidence there, in 0..1."""
+    away: np.ndarray
+    """(T, M + R) distance from the filmed object there [m]."""
+
+
 def places(take: Take) -> Places:
     """Where to sample the field of a take.
 
@@ -65,6 +79,31 @@ def sampling(python: str, folder: Path) -> worker.Messages:
         np.save(aside, places(take).rows())
     options = (str(folder), "--points", str(points), "--out", str(samples))
     return (yield from worker.run(command(python, "sample", *options), cwd=str(folder), env=environment()))
+
+
+def read_answer(take: Take, where: Places, frames: int, wind: bool) -> Sampled:
+    """What the engine answered to `sampling`, the wind instead of the force at the arrows where there is one.
+
+    Raises:
+        TakeError: when the answer is not that of this field, or not finite; with `wind`, when it has none.
+    """
+    samples, shape = take.read_arrays(own_caches()[1]), (frames, where.rows().shape[1])
+    if [np.shape(samples.get(name)) for name in ("force_density", "confidence", "distance")] != [(*shape, 3), shape, shape]:
+        raise TakeError(f"The samples in {take.path} do not fit its field.", "Load the results again.")
+    if not all(np.isfinite(samples[name]).all() for name in ("force_density", "confidence", "distance")):
+        raise TakeError(f"The field in {take.path} is not finite everywhere.", "Run Recover again.")
+    at_nodes, *at_arrows = where.split(samples["force_density"])
+    sure_nodes, *sure_arrows = where.split(samples["confidence"])
+    wind_at_nodes = None
+    if wind:
+        if np.shape(samples.get("wind_velocity")) != (*shape, 3) or not np.isfinite(samples["wind_velocity"]).all():
+            raise TakeError(f"The samples in {take.path} hold no wind.", "Load the results again.")
+        wind_at_nodes, *at_arrows = where.split(samples["wind_velocity"])
+        _, *sure_arrows = where.split(samples["wind_confidence"])
+    # of a wind that several takes share, from the nearest of their objects
+    away, *away_arrows = where.split(samples["wind_distance" if wind else "distance"])
+    nodes = SampledField(where.nodes, at_nodes, sure_nodes, wind_at_nodes, away)
+    return Sampled(nodes, *(np.concatenate(each, axis=1) for each in (at_arrows, sure_arrows, away_arrows)))
 
 
 def own_caches() -> tuple[str, str]:

@@ -113,3 +113,30 @@ def test_it_is_said_after_recover_too(scene, stand_in, workplace):
     assert not said_of_view(scene)
     scene.seeing_wind.arrows_object[SURE] = [0.01] * 12
     assert "Arrows are drawn in none of 12 frames" in said_of_view(scene)[0]
+
+
+def _values(arrows: bpy.types.Object, name: str) -> np.ndarray:
+    """Of an attribute of all arrows in all frames; of vectors their lengths."""
+    data = arrows.data.attributes[name].data
+    return np.array([np.linalg.norm(each.vector) if hasattr(each, "vector") else each.value for each in data])
+
+
+def test_arrows_are_as_strong_as_the_reach_leaves_the_field(scene, stand_in, workplace):
+    recover(workplace)
+    field, arrows, settings = scene.seeing_wind.field_object, scene.seeing_wind.arrows_object, scene.seeing_wind
+    assert field["seeing_wind_reach"] == "FADE", "by default"
+    scene.frame_set(settings.frame_start)
+    size, away, peak = _values(arrows, "force"), _values(arrows, "distance"), arrows["seeing_wind_peak"]
+    width = 0.75 * np.ptp([vertex.co[:] for vertex in field.data.vertices], axis=0).max()
+    s = np.clip(away / width, 0.0, 1.0)
+    fades = np.minimum(size * (1.0 - s**2 * (3.0 - 2.0 * s)) / peak, 1.0)
+    whole = np.minimum(size / peak, 1.0)
+    assert (fades < 0.7 * whole).any()
+    for reach, expected in (("FADE", fades), ("HOLD", whole), ("CONTINUE", whole), ("FADE", fades)):
+        settings.field_reach = reach
+        bpy.ops.seeing_wind.apply_to_field(field=field.name)
+        np.testing.assert_allclose(_values(arrows, "strength"), expected, atol=1e-4)
+        first = expected.reshape(len(arrows[SURE]), -1)[0]
+        np.testing.assert_allclose(_drawn(arrows)[1], first[first > 0.01], atol=1e-4)
+        colours = np.array([each.color[:3] for each in arrows.data.attributes["wind_colour"].data])
+        np.testing.assert_allclose(colours, ramp_colours(expected), atol=1e-3)

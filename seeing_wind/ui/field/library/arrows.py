@@ -27,11 +27,12 @@ def show_arrows(scene: bpy.types.Scene, field: bpy.types.Object) -> None:
     samples = samples_of(field)
     if samples is None:
         return
-    values, place, unit = read_samples(samples).felt_as(WIND), np.array(field.matrix_basis), metres_per_unit(scene)
-    nodes = lattice(values.box, ALONG)
+    known, place, unit = read_samples(samples), np.array(field.matrix_basis), metres_per_unit(scene)
+    values, nodes = known.felt_as(WIND), lattice(known.box, ALONG)
     arrows = create_arrows(
         scene, f"{field.name} Arrows", (nodes @ place[:3, :3].T + place[:3, 3]) * unit, values.at(nodes) @ place[:3, :3].T * unit,
         frame_start=int(field["seeing_wind_frame_start"]), parent=field, collection=field.users_collection[0], units="m/s",
+        distance=None if known.distance is None else known.distance_at(nodes) * unit,
     )  # fmt: skip
     arrows.hide_render, arrows[ARROWS], samples[WITH_FIELD] = True, True, True
     field[ARROWS] = arrows
