@@ -115,12 +115,14 @@ def test_a_clip_or_a_take_that_is_gone_is_told(scene, tmp_path, workplace):
     bpy.ops.seeing_wind.insert_mesh(object=cube("Box").name)
     take = workplace / "out.take"
     take.rename(workplace / "away.take")
-    former = scene.seeing_wind.composite_said
-    for call in (lambda: bpy.ops.seeing_wind.set_up_composite(samples=2), bpy.ops.seeing_wind.resimulate):
-        with pytest.raises(RuntimeError, match="There is no folder .*out.take. Put it beside the .blend file, or run Recover again"):
-            call()
-    assert is_set_up(scene) and scene.seeing_wind.composite_said == former
-    (workplace / "away.take").rename(take)
+    try:
+        former = scene.seeing_wind.composite_said
+        for call in (lambda: bpy.ops.seeing_wind.set_up_composite(samples=2), bpy.ops.seeing_wind.resimulate):
+            with pytest.raises(RuntimeError, match="There is no folder .*out.take. Put it beside the .blend file, or run Recover again"):
+                call()
+        assert is_set_up(scene) and scene.seeing_wind.composite_said == former
+    finally:
+        (workplace / "away.take").rename(take)
     assert not composite.set_up(scene, samples=1).warnings
     (workplace / "clip.mp4").rename(workplace / "away.mp4")
     try:
