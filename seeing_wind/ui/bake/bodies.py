@@ -19,9 +19,8 @@ from ..job.take_reading import simulated_motion
 from ..scene_units import metres_per_unit
 from . import rigid as bake_rigid
 from .at_rest import at_rest
-from .left import LEFT, STANDS_FOR, left_in
 from .motion import allowed, awake_on_top, bake_motion, baked_copy, baked_frames, check_file, clear_bake
-from .plan import AUTO, TRANSFORM, Baked, Plan, mark_of, plan_of, stamp_of_bakes
+from .plan import AUTO, LEFT, STANDS_FOR, TRANSFORM, Baked, Plan, left_in, mark_of, plan_of, stamp_of_bakes
 
 HIDDEN = "seeing_wind_replaced"
 """Custom property of an object that a baked copy stands in for: its own visibility, viewport and render."""

@@ -1,8 +1,7 @@
 """The panel *Bake*."""
 
 from ..job.panel_pieces import Tab, columns, draw_job, draw_preview_mark, draw_range, fold, panels
-from .left import left_in
-from .plan import MARK
+from .plan import MARK, left_in
 
 
 class BakeTab(Tab):

@@ -1,4 +1,7 @@
-"""How a motion is to be baked, and what an object says of how it was. Without NumPy: the status of a scene asks at every change."""
+"""How a motion is to be baked, what an object says of how it was, and motion that is left when its body goes off the list.
+
+Without NumPy: the status of a scene asks at every change.
+"""
 
 from __future__ import annotations
 
@@ -11,6 +14,12 @@ import bpy
 
 MARK = "seeing_wind_bake"
 """Custom property of an object that carries a bake: JSON of how it was made, and of what to restore."""
+
+LEFT = "seeing_wind_left"
+"""Custom property of an object that keeps the motion of a body which is no longer in the list."""
+
+STANDS_FOR = "seeing_wind_stands_for"
+"""Custom property of a copy that stands in for another object: that object, None where it is gone."""
 
 SHAPE_KEYS, POINT_CACHE, TRANSFORM, ALEMBIC, USD, AUTO = "SHAPE_KEYS", "POINT_CACHE", "TRANSFORM", "ALEMBIC", "USD", "AUTO"
 
@@ -79,3 +88,27 @@ def mark_of(obj: bpy.types.Object) -> dict[str, Any] | None:
         return json.loads(text)
     # before 0.2: the names of the sleeping modifiers, one per line
     return {"way": SHAPE_KEYS, "stamp": "", "slept": [[name, True, True] for name in text.splitlines()]}
+
+
+def leave(body: bpy.types.PropertyGroup, source: bpy.types.Object | None) -> None:
+    """A body goes off the list; `source` is the object that it moves. What carries its motion is known by its marks from now on."""
+    copy = body.baked_copy
+    if copy is not None:
+        copy[LEFT], copy[STANDS_FOR] = True, source
+    elif source is not None and not body.is_recovered and source.library is None and MARK in source:
+        source[LEFT] = True
+
+
+def take_back(body: bpy.types.PropertyGroup, source: bpy.types.Object, scene: bpy.types.Scene) -> None:
+    """An object is a body again, with the motion that it had then."""
+    if LEFT in source:
+        del source[LEFT]
+    for copy in [obj for obj in left_in(scene) if obj.get(STANDS_FOR) == source]:
+        body.baked_copy = copy
+        del copy[LEFT], copy[STANDS_FOR]
+        return
+
+
+def left_in(scene: bpy.types.Scene) -> list[bpy.types.Object]:
+    """The objects of a scene that keep the motion of bodies which are no longer in the list."""
+    return [obj for obj in scene.objects if LEFT in obj and MARK in obj and obj.library is None]

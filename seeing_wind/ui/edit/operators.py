@@ -7,7 +7,7 @@ from bpy.props import BoolProperty, EnumProperty, StringProperty
 
 from ...engine.errors import UsageError
 from ...engine.settings import BodyEdit, ColliderEdit, options_of
-from ..bake.left import leave, take_back
+from ..bake.plan import leave, take_back
 from ..direct_operator import DirectOperator
 from ..option_properties import give, panel_options, property_of, with_options
 from ..property_kinds import MATERIAL_ITEMS, PATH

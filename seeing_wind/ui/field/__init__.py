@@ -12,7 +12,6 @@ legend        the bar of colours beside them
 display       names and texts by which these objects are known; no NumPy
 node_groups   building Geometry Nodes groups in few words
 vdb           OpenVDB files
-vdb_here      whether this build of Blender writes them; no NumPy
 
 `texture` is what Blender's force field reads; `solvers` makes Blender's own solvers feel it as they should;
 `library` has winds that come with the extension.

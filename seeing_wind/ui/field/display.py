@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 from typing import Any
 
 from ...engine.conventions import beaufort, in_figures
@@ -193,3 +194,8 @@ def out_of_time(scene: Any) -> list[Any]:
         each for each in listed
         if each.wind != is_wind(each.field) or (each.object.rigid_body is not None and abs(each.fps - fps) > 1e-3 * fps)
     ]  # fmt: skip
+
+
+def openvdb_available() -> bool:
+    """Whether there is an OpenVDB for Python: in Blender's own builds, not in the `bpy` wheels."""
+    return importlib.util.find_spec("openvdb") is not None

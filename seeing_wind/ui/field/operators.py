@@ -15,8 +15,7 @@ from ..job.panel_words import in_panel_words
 from ..job.worker_command import command, environment
 from ..property_kinds import PATH
 from ..user_paths import absolute
-from .display import field_at_hand, frames_per_second, is_field, is_wind, out_of_time, said_of_fit, said_of_pace
-from .vdb_here import available
+from .display import field_at_hand, frames_per_second, is_field, is_wind, openvdb_available, out_of_time, said_of_fit, said_of_pace
 
 ONE_FILE = [
     ("FGA", "FGA", "Vector field of Unreal Engine, one file per frame"),
@@ -27,7 +26,7 @@ FORMATS = [
     ("VDB", "OpenVDB", "Volumes with the grids force, velocity (of a wind) and confidence, one file per frame, written by Blender"),
     *ONE_FILE,
 ]
-DEFAULT = "VDB" if available() else "NPZ"
+DEFAULT = "VDB" if openvdb_available() else "NPZ"
 """What this build of Blender can write without more ado."""
 
 

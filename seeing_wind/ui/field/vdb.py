@@ -9,11 +9,10 @@ import numpy as np
 
 from ...engine.errors import UsageError
 from ..scene_units import metres_per_unit
-from .display import share
+from .display import openvdb_available, share
 from .field_object import SOLVER_DELAY
 from .samples import read_samples, samples_of
 from .texture.reach import reach_of
-from .vdb_here import available
 
 UNITS = {"force": "N/m3", "velocity": "m/s", "confidence": "1"}
 """The grids, and what their metadata call their unit. Blender blurs volumes by a grid of the name `velocity`."""
@@ -33,7 +32,7 @@ def write_vdb(scene: bpy.types.Scene, field: bpy.types.Object, folder: Path) -> 
     Raises:
         UsageError: when this Blender has no OpenVDB, or the field's values are gone.
     """
-    if not available():
+    if not openvdb_available():
         raise UsageError(
             "This Blender has no OpenVDB for Python.", "Export FGA, PLY or NPZ, or use Blender's own build, 4.4 or newer, for VDB."
         )
