@@ -67,6 +67,15 @@ def test_a_part_of_the_clip_may_be_still_throughout():
     assert found.residual.max() < 0.1 * np.linalg.norm(x - x[0], axis=2).max()
 
 
+def test_a_body_that_is_lost_in_still_air_is_followed_again_all_the_same():
+    body, frames = post(), 30
+    x, _ = blow(body, kick, frames)
+    wrong = replace(RUBBER, youngs_modulus=0.3 * RUBBER.youngs_modulus)
+    settings = replace(WEIGHTLESS, still=(5, frames - 1), stiffness="given", iterations=2)
+    found = recover(body, wrong, [points(body, x)], FPS, settings, NoProgress())
+    assert found.force_density[:4].any() and not found.force_density[5:].any()
+
+
 def test_ringing_in_still_air_tells_the_stiffness(rung):
     _, _, _, found = rung
     assert found.youngs_modulus == pytest.approx(RUBBER.youngs_modulus, rel=0.03)

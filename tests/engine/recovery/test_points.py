@@ -106,11 +106,11 @@ def test_points_that_are_not_always_seen_leave_the_rest_to_tell_the_curve(post):
 def test_what_a_held_body_does_along_its_curve_is_believed_unless_all_of_it_does_so_in_step_with_its_swing(post):
     """The squared distance of motions by 1 % of the swing, in the deviations assumed of the mismatch."""
     body, time = replace(post, x=post.x @ TURN.T), np.arange(61)
-    swing = np.sin(time / 5.0)
-    channels = point_channels(body, points(body, bent(post, 1.5 * swing)), False)
-    size = np.sqrt((channels.observed[:, 0] - channels.observed[0, 0]).var(axis=0).sum())
+    channels = point_channels(body, points(body, bent(post, 1.5 * np.sin(time / 5.0))), False)
+    moved = (channels.observed[:, 0] - channels.observed[0, 0]) @ channels.frame[:, 1:]
+    size = np.sqrt(moved.var(axis=0).sum())
+    swing, other = moved[:, moved.var(axis=0).argmax()] / size, np.sin(time / 2.0)
     cost = {}
-    other = np.sin(time / 2.0)
     for how, channel, shape in (("in step", 0, swing), ("along", 0, other), ("stretch in step", 3, swing), ("across", 2, other)):
         motion = 0.01 * size * shape[1:]
         cost[how] = motion @ np.linalg.solve(channels.covariance(channel)[1:, 1:], motion)

@@ -122,6 +122,8 @@ def follow(solver: Solver, pace: Pace, share: tuple[float, float]) -> FirstField
             settled = begin - pace.behind
             open_knots = np.repeat(forward.knots.at >= settled, forward.size // forward.shape[0])
             active = np.concatenate([open_knots, np.full(len(velocity), settled <= 0)])
+            if not active.any():  # in still air that has lasted for longer than that
+                continue
             most = min(pace.segment_iterations, solver.iterations)
             part_solved = solver.solve(forward, prior, theta, most, (done, done), what, active)
             theta, used = part_solved.theta, used + part_solved.iterations

@@ -25,21 +25,25 @@ def mismatch_covariance(frames: int, white: float, slow: float, tau: float, vari
     return variance_factor * (white**2 * np.eye(frames) + slow**2 * slowly)
 
 
-def point_mismatch(particles: Particles, moved: np.ndarray, plastic: bool, along: bool) -> np.ndarray:
+def point_mismatch(particles: Particles, moved: np.ndarray, plastic: bool, lengthwise: np.ndarray | None = None) -> np.ndarray:
     """(modes, 3, T+1, T+1) covariance of the mismatch of points in 3D [m²].
 
     Args:
         moved: (T+1, modes, 3) amplitudes observed, since frame 0 [m].
-        along: component 0 is that along a held body's curve, of which mode 0 is what all that is free has in common.
+        lengthwise: (modes,) bool where component 0 is that along a held body's curve, of which mode 0 is what all that is free has in
+            common: the modes that vary along the body only.
     """
     white, slow = (np.full(moved.shape[1:], share * particles.spacing) for share in (NOISE.white, NOISE.slow))
     drift, held = np.zeros_like(slow), bool(particles.pinned.any())
-    parts = [slice(0, 1), slice(1, 3)] if along else [slice(0, 3)]
+    parts = [slice(0, 3)] if lengthwise is None else [slice(0, 1), slice(1, 3)]
     if held:
         size, whole = _sizes(moved, parts), _sizes(moved, [slice(0, 3)])
-        first = np.array([along, False, False])
-        slow = np.hypot(white, np.where(first, NOISE.along, NOISE.motion) * size)
-        drift = np.where(first, NOISE.drift_along, NOISE.drift) * whole
+        along, motion, drift = np.zeros_like(slow, bool), np.full_like(slow, NOISE.motion), NOISE.drift * whole
+        if lengthwise is not None:
+            along[:, 0] = lengthwise
+            motion[:, 0], drift[:, 0] = NOISE.along, NOISE.drift_turned * whole[:, 0]
+        white[along], drift[along] = NOISE.along_white * particles.spacing, NOISE.drift_along * whole[along]
+        slow = np.hypot(white, motion * size)
         white = NOISE.motion_white * slow
         if len(moved) >= NOISE.swift:
             from scipy.signal import savgol_filter  # slow to import, and edits and samples need none
@@ -49,7 +53,7 @@ def point_mismatch(particles: Particles, moved: np.ndarray, plastic: bool, along
     swings = [mismatch_covariance(len(moved), *one, NOISE.slow_time, factor) for one in zip(white.ravel(), slow.ravel())]
     walk = _integrated_walk(np.arange(len(moved)) / NOISE.drift_frames)
     covariance = np.stack(swings).reshape(*moved.shape[1:], len(moved), -1) + drift[..., None, None] ** 2 * walk
-    if along:
+    if lengthwise is not None:
         covariance[0, 0] += NOISE.leak**2 * moved[:, 0, 1:] @ moved[:, 0, 1:].T
     return covariance
 

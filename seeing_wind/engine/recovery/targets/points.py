@@ -28,6 +28,8 @@ class Curve:
     """(T+1, modes) [m]."""
     axis: np.ndarray
     """(3,) at rest."""
+    lengthwise: np.ndarray
+    """(modes,) bool: the modes that vary along the body only, not across it."""
 
 
 @dataclass(frozen=True)
@@ -158,7 +160,7 @@ def point_channels(particles: Particles, targets: PointTargets, plastic: bool) -
         sigma = np.maximum(sigma, [noise_of(series) for series in whole.reshape(len(whole), len(sigma)).T])
     elif targets.sigma is None:
         sigma = np.repeat([noise_of(whole[:, m]) for m in range(modes.shape[1])], 3)
-    mismatch = point_mismatch(particles, moved, plastic, curve is not None)
+    mismatch = point_mismatch(particles, moved, plastic, None if curve is None else curve.lengthwise)
     inflation = np.ones((frames, 3 * modes.shape[1]))
     used = np.repeat(known & (np.arange(frames) > 0)[:, None], 3, axis=1)
     return PointChannels(operator, points, observed, targets, astray, used, sigma, mismatch, inflation, turned, frame, curve)
@@ -174,14 +176,18 @@ def _curve(particles: Particles, targets: PointTargets, points: np.ndarray, weig
     free = (points @ ~particles.pinned)[always] > 0.5
     if axis is None or targets.covariance is not None or 2 * always.sum() < len(always) or free.sum() < modes:
         return None
-    smooth = spatial_basis(points[always][free] @ particles.x, np.ones(int(free.sum())), modes).phi
-    inverse = np.zeros((modes, len(free)))
+    rest = points[always][free] @ particles.x
+    smooth, count = spatial_basis(rest, np.ones(len(rest)), modes).phi, len(rest)
+    inverse, lengthwise = np.zeros((modes, len(free))), np.zeros(modes, bool)
     inverse[: smooth.shape[1], free] = _inverse(smooth, weight[always][free])
+    along = spatial_basis(np.outer(rest @ axis, axis), np.ones(count), modes).phi
+    across = smooth - along @ (along.T @ smooth) / count
+    lengthwise[: smooth.shape[1]] = (across**2).mean(axis=0) < NOISE.lengthwise
     found = along_the_curve(targets.x[:, always], axis, particles.spacing, inverse)
     if found is None:
         return None
     observed = np.einsum("tmkc,tkc->tm", found, targets.x[:, always])
-    return Curve(np.einsum("tmkc,kn->tmnc", found, points[always], optimize=True), observed, axis)
+    return Curve(np.einsum("tmkc,kn->tmnc", found, points[always], optimize=True), observed, axis, lengthwise)
 
 
 def _between(observed: np.ndarray, known: np.ndarray) -> np.ndarray:
