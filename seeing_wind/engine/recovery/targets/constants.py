@@ -48,9 +48,11 @@ class NoiseConstants:
     drift_along: float = constant(
         0.001, "1", "`drift` along the curve, in all motion, in the same modes.", "As `along_white`: 0.0004 to 0.0008."
     )
-    drift_turned: float = constant(
-        0.005, "1", "`drift` along the curve in the other modes, which show how the sections turn.", SCENES
-    )
+    turned: float = constant(
+        0.001, "1", "How far the sections turn against the curve, in the other modes, in the motion of the whole body.",
+        "The same posts turn by 0.003 to 0.007, in step with their swing; with 0.003 those that swing far come back worse.",
+    )  # fmt: skip
+    drift_turned: float = constant(0.005, "1", "`drift` along the curve in the other modes, in their own motion.", SCENES)
     lengthwise: float = constant(0.1, "1", "Share of a mode that may vary across a body of which it is said that it does not.", "Chosen.")
     leak: float = constant(
         0.01, "1", "How far a held body as a whole moves along its axis in step with what it does across it: a clamp turns about a place "

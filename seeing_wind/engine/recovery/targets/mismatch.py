@@ -38,12 +38,12 @@ def point_mismatch(particles: Particles, moved: np.ndarray, plastic: bool, lengt
     parts = [slice(0, 3)] if lengthwise is None else [slice(0, 1), slice(1, 3)]
     if held:
         size, whole = _sizes(moved, parts), _sizes(moved, [slice(0, 3)])
-        along, motion, drift = np.zeros_like(slow, bool), np.full_like(slow, NOISE.motion), NOISE.drift * whole
+        motion, drift = NOISE.motion * size, NOISE.drift * whole
         if lengthwise is not None:
-            along[:, 0] = lengthwise
-            motion[:, 0], drift[:, 0] = NOISE.along, NOISE.drift_turned * whole[:, 0]
-        white[along], drift[along] = NOISE.along_white * particles.spacing, NOISE.drift_along * whole[along]
-        slow = np.hypot(white, motion * size)
+            white[lengthwise, 0] = NOISE.along_white * particles.spacing
+            motion[:, 0] = np.hypot(NOISE.along * size[:, 0], np.where(lengthwise, 0.0, NOISE.turned * whole[0, 0]))
+            drift[:, 0] = np.where(lengthwise, NOISE.drift_along, NOISE.drift_turned) * whole[:, 0]
+        slow = np.hypot(white, motion)
         white = NOISE.motion_white * slow
         if len(moved) >= NOISE.swift:
             from scipy.signal import savgol_filter  # slow to import, and edits and samples need none
