@@ -41,22 +41,23 @@ class NoiseConstants:
         0.1, "1", "`motion` along the body's own curve, in the motion along it. Nothing of the bending is seen there, so what moves along "
         "it is small, and tells the force along the body, which bending does not.", SCENES,
     )  # fmt: skip
+    drift_along: float = constant(0.005, "1", "`drift` along the curve, in all motion: a clamp gives way.", SCENES)
     along_white: float = constant(
-        4e-4, "particle spacings", "`white` along the curve, in modes that vary along the body only.", "Another simulator's posts that "
-        "move by the true force: 1 to 5 um, of particles 12 mm apart.",
+        4e-4, "particle spacings", "`white` of the stretch along the curve: of modes that vary along the body only, but for mode 0.",
+        "Another simulator's posts that move by the true force: 1 to 5 um, of particles 12 mm apart.",
     )  # fmt: skip
-    drift_along: float = constant(
-        0.001, "1", "`drift` along the curve, in all motion, in the same modes.", "As `along_white`: 0.0004 to 0.0008."
-    )
+    drift_stretch: float = constant(0.001, "1", "`drift` of the stretch.", "As `along_white`: 0.0004 to 0.0008.")
     turned: float = constant(
         0.001, "1", "How far the sections turn against the curve, in the other modes, in the motion of the whole body.",
         "The same posts turn by 0.003 to 0.007, in step with their swing; with 0.003 those that swing far come back worse.",
     )  # fmt: skip
-    drift_turned: float = constant(0.005, "1", "`drift` along the curve in the other modes, in their own motion.", SCENES)
     lengthwise: float = constant(0.1, "1", "Share of a mode that may vary across a body of which it is said that it does not.", "Chosen.")
     leak: float = constant(
         0.01, "1", "How far a held body as a whole moves along its axis in step with what it does across it: a clamp turns about a place "
-        "beside the axis.", "Another simulator's post: 1 %, and a stretch in step with its swing of 0.05 and 0.25 %.",
+        "beside the axis.", "Another simulator's post: 1 %.",
+    )  # fmt: skip
+    leak_stretch: float = constant(
+        0.001, "1", "How far it stretches in step with that, in each mode.", "Another simulator's posts: 0.0001 to 0.002.",
     )  # fmt: skip
     swift: int = constant(
         7, "frames", "Over which a cubic is fitted to a held body's motion in each mode. What swings faster, as after a strike, is in step "

@@ -40,9 +40,10 @@ def point_mismatch(particles: Particles, moved: np.ndarray, plastic: bool, lengt
         size, whole = _sizes(moved, parts), _sizes(moved, [slice(0, 3)])
         motion, drift = NOISE.motion * size, NOISE.drift * whole
         if lengthwise is not None:
-            white[lengthwise, 0] = NOISE.along_white * particles.spacing
+            stretch = lengthwise & (np.arange(len(lengthwise)) > 0)
+            white[stretch, 0] = NOISE.along_white * particles.spacing
             motion[:, 0] = np.hypot(NOISE.along * size[:, 0], np.where(lengthwise, 0.0, NOISE.turned * whole[0, 0]))
-            drift[:, 0] = np.where(lengthwise, NOISE.drift_along, NOISE.drift_turned) * whole[:, 0]
+            drift[:, 0] = np.where(stretch, NOISE.drift_stretch, NOISE.drift_along) * whole[:, 0]
         slow = np.hypot(white, motion)
         white = NOISE.motion_white * slow
         if len(moved) >= NOISE.swift:
@@ -54,7 +55,8 @@ def point_mismatch(particles: Particles, moved: np.ndarray, plastic: bool, lengt
     walk = _integrated_walk(np.arange(len(moved)) / NOISE.drift_frames)
     covariance = np.stack(swings).reshape(*moved.shape[1:], len(moved), -1) + drift[..., None, None] ** 2 * walk
     if lengthwise is not None:
-        covariance[0, 0] += NOISE.leak**2 * moved[:, 0, 1:] @ moved[:, 0, 1:].T
+        leak = np.where(np.arange(len(lengthwise)) > 0, NOISE.leak_stretch * lengthwise, NOISE.leak)
+        covariance[:, 0] += leak[:, None, None] ** 2 * (moved[:, 0, 1:] @ moved[:, 0, 1:].T)
     return covariance
 
 
