@@ -54,10 +54,8 @@ class NoiseConstants:
     lengthwise: float = constant(0.1, "1", "Share of a mode that may vary across a body of which it is said that it does not.", "Chosen.")
     leak: float = constant(
         0.01, "1", "How far a held body as a whole moves along its axis in step with what it does across it: a clamp turns about a place "
-        "beside the axis.", "Another simulator's post: 1 %.",
-    )  # fmt: skip
-    leak_stretch: float = constant(
-        0.001, "1", "How far it stretches in step with that, in each mode.", "Another simulator's posts: 0.0001 to 0.002.",
+        "beside the axis.", "Another simulator's post: 1 %. Its stretch in step with its swing, 0.01 to 0.2 %, is left out: allowed for, "
+        "it hides the force along the body.",
     )  # fmt: skip
     swift: int = constant(
         7, "frames", "Over which a cubic is fitted to a held body's motion in each mode. What swings faster, as after a strike, is in step "

@@ -55,8 +55,7 @@ def point_mismatch(particles: Particles, moved: np.ndarray, plastic: bool, lengt
     walk = _integrated_walk(np.arange(len(moved)) / NOISE.drift_frames)
     covariance = np.stack(swings).reshape(*moved.shape[1:], len(moved), -1) + drift[..., None, None] ** 2 * walk
     if lengthwise is not None:
-        leak = np.where(np.arange(len(lengthwise)) > 0, NOISE.leak_stretch * lengthwise, NOISE.leak)
-        covariance[:, 0] += leak[:, None, None] ** 2 * (moved[:, 0, 1:] @ moved[:, 0, 1:].T)
+        covariance[0, 0] += NOISE.leak**2 * moved[:, 0, 1:] @ moved[:, 0, 1:].T
     return covariance
 
 
