@@ -23,7 +23,7 @@ from seeing_wind import ui  # noqa: E402
 from seeing_wind.engine.record_arrays import from_arrays, to_arrays  # noqa: E402
 from seeing_wind.engine.records import Camera  # noqa: E402
 from seeing_wind.engine.take import Take  # noqa: E402
-from seeing_wind.ui.field import vdb as field_vdb  # noqa: E402
+from seeing_wind.ui.field.display import openvdb_available  # noqa: E402
 from seeing_wind.ui.field.samples import read_samples, samples_of  # noqa: E402
 
 
@@ -41,7 +41,7 @@ def check_vdb(scene: bpy.types.Scene, folder: Path) -> None:
     field.rotation_euler = (0.0, 0.0, 0.6)
     field.field.strength *= 2.0
     bpy.context.view_layer.update()
-    if not field_vdb.available():
+    if not openvdb_available():
         print("-    this Blender has no OpenVDB for Python", flush=True)
         return
     import openvdb

@@ -128,9 +128,10 @@ def drag_way(rate: float, frames: int) -> tuple[np.ndarray, np.ndarray]:
 
 def check_vdb(scene: bpy.types.Scene, field: bpy.types.Object) -> None:
     """The velocity is in the files, with its unit and class, where this Blender can write them."""
-    from seeing_wind.ui.field.vdb import available, write_vdb
+    from seeing_wind.ui.field.display import openvdb_available
+    from seeing_wind.ui.field.vdb import write_vdb
 
-    if not available():
+    if not openvdb_available():
         return
     import openvdb
 

@@ -19,7 +19,7 @@ from seeing_wind.ui.composite.catchers import FLOOR, WALL
 from seeing_wind.ui.composite.mattes import CARD, MARGIN, matte, narrowed, softened, widened, window_of
 from seeing_wind.ui.composite.nodes import is_set_up
 from seeing_wind.ui.composite.own import changes
-from seeing_wind.ui.field import vdb as field_vdb
+from seeing_wind.ui.field.display import openvdb_available
 from seeing_wind.ui.field.samples import read_samples, samples_of
 from seeing_wind.ui.job import takes
 from seeing_wind.ui.user_paths import absolute
@@ -159,7 +159,7 @@ def test_calibrate_takes_the_active_object_and_reports(scene):
 
 
 def test_the_field_goes_into_vdb_files_where_blender_can(scene, tmp_path):
-    if not field_vdb.available():
+    if not openvdb_available():
         with pytest.raises(RuntimeError, match="no OpenVDB.*Export FGA, PLY or NPZ"):
             bpy.ops.seeing_wind.export_field(format="VDB", filepath=str(tmp_path / "vdb"))
         assert bpy.ops.seeing_wind.export_field(filepath=str(tmp_path / "as it can")) == {"FINISHED"}, "what it can write"

@@ -42,11 +42,12 @@ class NoiseConstants:
         "it is small, and tells the force along the body, which bending does not.", SCENES,
     )  # fmt: skip
     drift_along: float = constant(0.005, "1", "`drift` along the curve, in all motion: a clamp gives way.", SCENES)
-    along_white: float = constant(
-        4e-4, "particle spacings", "`white` of the stretch along the curve: of modes that vary along the body only, but for mode 0.",
-        "Another simulator's posts that move by the true force: 1 to 5 um, of particles 12 mm apart.",
+    stretch: float = constant(
+        5e-4, "1", "White part of the stretch along the curve, of modes that vary along the body only but for mode 0, in the motion of the "
+        "whole body.", "Another simulator's posts that move by the true force: 1 to 5 um of swings of 20 to 90 mm. With less, a force that "
+        "jumps between its knots is taken for one along the body.",
     )  # fmt: skip
-    drift_stretch: float = constant(0.001, "1", "`drift` of the stretch.", "As `along_white`: 0.0004 to 0.0008.")
+    drift_stretch: float = constant(0.001, "1", "`drift` of the stretch.", "As `stretch`: 0.0004 to 0.0008.")
     turned: float = constant(
         0.001, "1", "How far the sections turn against the curve, in the other modes, in the motion of the whole body.",
         "The same posts turn by 0.003 to 0.007, in step with their swing; with 0.003 those that swing far come back worse.",
