@@ -47,6 +47,7 @@ class NoiseConstants:
         "whole body.", "Another simulator's posts that move by the true force: 1 to 5 um of swings of 20 to 90 mm. With less, a force that "
         "jumps between its knots is taken for one along the body.",
     )  # fmt: skip
+    stretch_least: float = constant(4e-4, "particle spacings", "The same, of a body that does not move.", "As `stretch`: 1 to 5 um.")
     drift_stretch: float = constant(0.001, "1", "`drift` of the stretch.", "As `stretch`: 0.0004 to 0.0008.")
     turned: float = constant(
         0.001, "1", "How far the sections turn against the curve, in the other modes, in the motion of the whole body.",
