@@ -43,14 +43,14 @@ class NoiseConstants:
     )  # fmt: skip
     drift_along: float = constant(0.005, "1", "`drift` along the curve, in all motion: a clamp gives way.", SCENES)
     stretch: float = constant(
-        5e-4, "1", "White part of the stretch along the curve, of modes that vary along the body only but for mode 0, in the motion of the "
-        "whole body.", "Another simulator's posts that move by the true force: 1 to 5 um of swings of 20 to 90 mm. With less, a force that "
-        "jumps between its knots is taken for one along the body.",
+        5e-4, "1", "Mismatch beside `along` of the stretch along the curve, of modes that vary along the body only but for mode 0, in the "
+        "motion of the whole body.", "Another simulator's posts that move by the true force: 1 to 5 um of swings of 20 to 90 mm. With "
+        "less, a force that jumps between its knots is taken for one along the body.",
     )  # fmt: skip
-    stretch_least: float = constant(4e-4, "particle spacings", "The same, of a body that does not move.", "As `stretch`: 1 to 5 um.")
+    stretch_least: float = constant(4e-4, "particle spacings", "The same of a body that does not move.", "As `stretch`: 1 to 5 um.")
     drift_stretch: float = constant(0.001, "1", "`drift` of the stretch.", "As `stretch`: 0.0004 to 0.0008.")
     turned: float = constant(
-        0.001, "1", "How far the sections turn against the curve, in the other modes, in the motion of the whole body.",
+        0.001, "1", "`stretch` of the other modes: how the sections turn against the curve.",
         "The same posts turn by 0.003 to 0.007, in step with their swing; with 0.003 those that swing far come back worse.",
     )  # fmt: skip
     lengthwise: float = constant(0.1, "1", "Share of a mode that may vary across a body of which it is said that it does not.", "Chosen.")
