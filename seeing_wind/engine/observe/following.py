@@ -11,15 +11,14 @@ from ..errors import ObjectError
 from ..masks import Masks, areas
 from ..progress import Journal, Progress
 from ..records import Recognised
-from ..settings import ObserveSettings
 from .clip.frames import Clip
 from .clip.lens import Lens
 from .clip.stored import Frames
 from .mask.background import Plate
-from .mask.evidence import Contrast
 from .mask.follow import MaskFollower
 from .mask.through import Follower, followed
 from .networks import Outlined, network_masks, network_tracks
+from .outline import Outline
 from .tracks.centroid import centroid_track
 from .tracks.file import read_tracks
 from .tracks.recognise import are_lost, recognise
@@ -48,25 +47,9 @@ class Tracks:
     recognised: Recognised | None = None
 
 
-def follow(
-    clip: Clip,
-    mask: np.ndarray,
-    outlines: Masks | None,
-    plate: Plate | None,
-    contrast: Contrast | None,
-    other: np.ndarray | None,
-    panned: Plate | None,
-    lens: Lens,
-    settings: ObserveSettings,
-    progress: Progress,
-    journal: Journal,
-) -> tuple[Masks, Tracks]:
-    """Masks (T+1, H, W) and tracks, in one pass over the clip, or two where the body's silhouette has to serve as a track.
-
-    `outlines` (T+1, H, W), where they are known already, are the masks; `mask` (H, W) bool is that of frame 0 in any case. `other`
-    (H, W) bool: another thing that moves along, see `others.beyond_box`. `panned`: the background in frame 0 where the camera moves.
-    """
-    frames = clip.frames
+def follow(clip: Clip, outline: Outline, lens: Lens, progress: Progress, journal: Journal) -> tuple[Masks, Tracks]:
+    """Masks (T+1, H, W) and tracks, in one pass over the clip, or two where the body's silhouette has to serve as a track."""
+    frames, settings, mask, outlines = clip.frames, outline.settings, outline.mask, outline.corrected
     given: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
     if settings.tracks:
         xy, visible, sigma = read_tracks(settings.tracks, len(frames), clip.first_frame, lens.filmed_map(mask), progress)
@@ -81,14 +64,14 @@ def follow(
         outlines = journal.once("masks", Masks, lambda: network_masks(settings.mask_model or "", frames, mask, progress.part(0.1, 0.7)))
     follower: Follower
     if outlines is None:
-        follower = MaskFollower(frames[0], mask, plate, progress, contrast, trim=True, other=other, panned=panned)
+        follower = MaskFollower(frames[0], mask, outline.known, progress)
     else:
         follower = Outlined(frames[0], outlines)
     masks = followed(frames.__getitem__, len(frames), follower, progress.part(0.3, 0.9), journal.loop("follow"), points)
     _tell_lost(areas(masks) > 0, progress)
     if given is not None:
         return masks, Tracks(*given, np.zeros(given[0].shape[1], bool))
-    found = _tracks_of(points, len(corners), frames, masks, plate, progress)
+    found = _tracks_of(points, len(corners), frames, masks, outline.known.still, progress)
     if settings.recognise and len(corners) >= ENOUGH and not found.on_centroid.all() and are_lost(found.visible):
         found = replace(found, recognised=recognise(frames, masks, progress.part(0.9, 0.95)))
     return masks, found

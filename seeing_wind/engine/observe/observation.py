@@ -85,16 +85,13 @@ def _seen(clip: Clip, settings: ObserveSettings, progress: Progress, journal: Jo
     pin = _pin(settings.pin, outline.mask, lens)
     depth = object_depth(_depth_map(steady, outline.mask), steady.depth_name, outline.mask, steady.distance, progress)
     _tell_huge(outline.mask, depth, lens.camera, progress)
-    masks, tracks = follow(
-        clip, outline.mask, outline.corrected, outline.plate, outline.contrast, outline.other, outline.panned, lens, outline.settings,
-        progress, journal,
-    )
+    masks, tracks = follow(clip, outline, lens, progress, journal)
     median = None if steady.plate is None else steady.plate.color
     bare = beside.submit(clean_plate, clip.frames, masks, median, progress)
     tell_defects(clip.frames, masks, progress)
     doubts = [*steady.doubts, *outline.doubts, *(steady.asked.result() if steady.asked is not None else ())]
-    if outline.plate is not None:
-        doubts += [one for one in (touching(clip.frames, masks, outline.plate),) if one is not None]
+    if outline.known.still is not None:
+        doubts += [one for one in (touching(clip.frames, masks, outline.known.still),) if one is not None]
     for one in doubts:
         progress.warn(str(one))
     progress.update(0.95, "background")

@@ -12,12 +12,12 @@ from ..progress import Journal, Progress
 from ..records import Doubt
 from ..settings import ObserveSettings
 from .clip.shake import homography, through_mask
-from .mask.background import Plate, median_plate
+from .mask.background import median_plate
 from .mask.by_turns import boxed_alone, with_background
 from .mask.corrected import Marks, carried_to_first, marks_of, with_corrections
 from .mask.cutting import LEAST_PIXELS
-from .mask.evidence import Contrast
 from .mask.first_mask import read_mask
+from .mask.follow import Surroundings
 from .mask.from_box import box_round
 from .mask.moving.in_box import hardly_moves, moving_from
 from .mask.moving.registered import registered
@@ -27,20 +27,14 @@ from .steady import Steady, marked, marked_area
 
 @dataclass(frozen=True)
 class Outline:
-    """The object in frame 0, and what tells it from the rest."""
+    """The object."""
 
     mask: np.ndarray
-    """(H, W) bool."""
+    """(H, W) bool, in frame 0."""
     corrected: Masks | None
     """In all frames, where the user corrected any."""
-    plate: Plate | None
-    """What is behind the object, learnt with it."""
-    contrast: Contrast | None
-    """How it differs from that."""
-    other: np.ndarray | None
-    """(H, W) bool: another thing that moves along with it, see `others.beyond_box`."""
-    panned: Plate | None
-    """What is behind it in frame 0, where the camera moves."""
+    known: Surroundings
+    """What is behind it and beside it."""
     settings: ObserveSettings
     """With the box in which it was sought."""
     doubts: list[Doubt]
@@ -70,23 +64,19 @@ def find_outline(steady: Steady, progress: Progress, journal: Journal) -> Outlin
     unaided = first_outline(settings, still, behind, moving, steady.lens, progress)
     mask = shown.get(0, unaided)
     progress.update(0.1, "following the object")
-    contrast: Contrast | None = None
-    other: np.ndarray | None = None
-    panned: Plate | None = None
+    known = Surroundings()
     if behind is not None and moving is not None:
-        found = with_background(still, unaided, behind, moving, settings, around, progress, journal)
-        unaided = found[0]
+        unaided, known = with_background(still, unaided, behind, moving, settings, around, progress, journal)
         mask = shown.get(0, unaided)
-        if plate is not None:
-            _, plate, contrast, other = found
-        else:
-            panned = found[1]
-        if plate is not None and 0 in shown:
+        if plate is None:
+            known = Surroundings(known.plate, panned=True)
+        elif 0 in shown:
             # What is behind the object, and how it differs from that, is learnt once more where the user has drawn it.
             drawn = replace(settings, box=None)
-            mask, plate, contrast, _ = with_background(frames, shown[0], behind, moving, drawn, shown[0], progress, journal)
-    corrected = with_corrections(frames, mask, unaided, shown, marks, plate, contrast, other, progress, journal)
-    return Outline(mask if corrected is None else corrected[0], corrected, plate, contrast, other, panned, settings, doubts)
+            mask, again = with_background(frames, shown[0], behind, moving, drawn, shown[0], progress, journal)
+            known = replace(again, other=known.other)
+    corrected = with_corrections(frames, mask, unaided, shown, marks, known, progress, journal)
+    return Outline(mask if corrected is None else corrected[0], corrected, known, settings, doubts)
 
 
 def _corrections(steady: Steady) -> tuple[dict[int, np.ndarray], dict[int, Marks]]:

@@ -15,7 +15,7 @@ from seeing_wind.engine.observe.mask.background import Plate, plate_behind
 from seeing_wind.engine.observe.mask.carried import Carried
 from seeing_wind.engine.observe.mask.cutting import tidy
 from seeing_wind.engine.observe.mask.evidence import Contrast, against_plate, against_shape, cut_out, weighed
-from seeing_wind.engine.observe.mask.follow import MaskFollower
+from seeing_wind.engine.observe.mask.follow import MaskFollower, Surroundings
 from seeing_wind.engine.observe.mask.motion import Flow
 from seeing_wind.engine.observe.mask.moving.in_box import moving_in
 from seeing_wind.engine.observe.mask.moving.soon import moving_odds
@@ -137,7 +137,7 @@ def test_what_was_lost_of_a_silhouette_grows_back_at_once() -> None:
     square = np.zeros((HEIGHT, WIDTH), bool)
     square[40:140, 60:200] = True
     frame = np.where(square[..., None], skin, wall).astype(np.uint8)
-    follower = MaskFollower(frame, square, Plate(wall.astype(np.uint8), np.ones_like(square), 2.0), NoProgress())
+    follower = MaskFollower(frame, square, Surroundings(Plate(wall.astype(np.uint8), np.ones_like(square), 2.0)), NoProgress())
     state = follower.state()
     state |= {"shape": state["shape"][:, :40], "template": state["template"][:, :40], "shape_window": np.array([60, 40, 100, 140])}
     part = square.copy()

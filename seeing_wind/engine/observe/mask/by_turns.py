@@ -13,7 +13,7 @@ from ...settings import ObserveSettings
 from ..clip.stored import Frames, some_of
 from .background import Plate, plate_behind, seen_first
 from .evidence import Contrast
-from .follow import MaskFollower
+from .follow import MaskFollower, Surroundings
 from .from_box import better_drawn, by_colors, refined
 from .motion import window_of, within
 from .moving.in_box import NEARBY, Moving, left
@@ -42,11 +42,9 @@ def with_background(
     around: np.ndarray,
     progress: Progress,
     journal: Journal,
-) -> tuple[np.ndarray, Plate, Contrast | None, np.ndarray]:
-    """The outline of frame 0, the background, how the object differs from it, each found again by the others, and what other thing
-    moves along with it, see `others.beyond_box`.
-
-    The object, followed roughly, shows what is behind it.
+) -> tuple[np.ndarray, Surroundings]:
+    """The outline (H, W) bool of frame 0 and its surroundings, each found again by the other: the object, followed roughly, shows what is
+    behind it.
 
     Args:
         frames: (T+1, H, W, 3) uint8 RGB; mask: (H, W) bool, the object in frame 0; plate: the background; moving: see `moving_from`.
@@ -74,9 +72,9 @@ def with_background(
     if motion is not None and still is not None and colored is not None:
         other = beyond_box(frames[0], mask, around, plate, moving)
         found = refined(frames[0], mask, plate, around, motion, other, contrast)
-        mask = cut_back(frames[0], boxed_in(frames[0], found, around, plate), plate, progress) & around
+        mask = cut_back(frames[0], boxed_in(frames[0], found, around, plate), progress) & around
         mask = better_drawn(frames[0], mask, colored.result(), around, still)
-    return mask, plate, contrast, other
+    return mask, Surroundings(plate, contrast, other)
 
 
 def _roughly(
@@ -97,6 +95,6 @@ def _roughly(
 
     behind = Plate(small(plate.color), small(plate.reliable.astype(np.uint8) * 255) == 255, plate.noise)
     first, along = (small(one.astype(np.uint8) * 255) >= 128 for one in (mask, other))
-    follower = MaskFollower(small(frames[0]), first, behind, progress, other=along)
+    follower = MaskFollower(small(frames[0]), first, Surroundings(behind, other=along), progress, trim=False)
     found = followed(lambda t: small(frames[t]), len(frames), follower, progress.part(0.1, 0.3), journal.loop("follow roughly"))
     return found if scale == 1.0 else Masks.of(large(found[t]) if t else mask for t in range(len(found)))

@@ -14,9 +14,9 @@ from ..clip.shake import through
 from ..clip.stored import Frames
 from .background import Plate
 from .cutting import LEAST_PIXELS, grab_cut, tidy
-from .evidence import FEW, RIM, Contrast
+from .evidence import FEW, RIM
 from .first_mask import SEED
-from .follow import MaskFollower
+from .follow import MaskFollower, Surroundings
 from .motion import FlowSolver, cut, middle_of, paste, window_of, within
 from .through import followed
 
@@ -172,7 +172,7 @@ def carried_to_first(frames: Frames, shown: dict[int, np.ndarray], plate: Plate 
         ObjectError: it is lost on the way.
     """
     start = min(shown)
-    follower = MaskFollower(frames[start], shown[start], plate, progress, trim=True)
+    follower = MaskFollower(frames[start], shown[start], Surroundings(plate), progress)
     mask = followed(lambda t: frames[start - t], start + 1, follower, progress.part(0.08, 0.1), Journal().loop("back"))[start]
     if not mask.any():
         raise ObjectError(
@@ -269,9 +269,7 @@ def with_corrections(
     unaided: np.ndarray,
     shown: dict[int, np.ndarray],
     marks: dict[int, Marks],
-    plate: Plate | None,
-    contrast: Contrast | None,
-    other: np.ndarray | None,
+    known: Surroundings,
     progress: Progress,
     journal: Journal,
 ) -> Masks | None:
@@ -279,11 +277,11 @@ def with_corrections(
 
     Args:
         unaided: (H, W) bool, what was found in frame 0 without what the user showed there: it tells what goes wrong.
-        shown: outlines (H, W) bool by frame; marks: by frame; other: another thing (H, W) bool that moves along.
+        shown: outlines (H, W) bool by frame; marks: by frame.
     """
     if not shown and not marks:
         return None
-    follower = MaskFollower(frames[0], mask, plate, progress, contrast, trim=True, other=other)
+    follower = MaskFollower(frames[0], mask, known, progress)
     found = followed(frames.__getitem__, len(frames), follower, progress.part(0.2, 0.3), journal.loop("follow to correct"))
     found = Masks.of(found[t] if t else unaided for t in range(len(found)))
     marked = {t: with_marks(frames[t], shown.get(t, found[t]), each, progress) for t, each in marks.items()}

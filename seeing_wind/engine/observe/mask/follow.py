@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import cv2
 import numpy as np
 
@@ -31,12 +33,30 @@ FILTERS = 8
 """Pixels that filters reach beyond what they are asked for."""
 
 
+@dataclass(frozen=True)
+class Surroundings:
+    """What is known in frame 0 of what lies behind the object and beside it."""
+
+    plate: Plate | None = None
+    """What is behind it."""
+    contrast: Contrast | None = None
+    """How it differs from that; None learns it from frame 0."""
+    other: np.ndarray | None = None
+    """(H, W) bool: another thing that moves along with it, see `others.beyond_box`."""
+    panned: bool = False
+    """The camera moves, so the plate is that of frame 0 only."""
+
+    @property
+    def still(self) -> Plate | None:
+        """What is behind the object in all frames."""
+        return None if self.panned else self.plate
+
+
 class MaskFollower:
     """Follows one object, as a `through.Follower`: whole-body search, flow, then all evidence round the carried silhouette.
 
-    Where the camera stands still, `plate` tells pixels that did not change (never object, away from its inside) and gives a small
-    object, of too few pixels for colours, its silhouette. Where it moves, what it has shown beside the object so far does, see
-    `moving.panned`.
+    The background tells pixels that did not change (never object, away from its inside) and gives a small object, of too few pixels for
+    colours, its silhouette. Where the camera moves, it is what was seen beside the object so far, see `moving.panned`.
 
     Attributes:
         flow: motion from the frame before to the newest one; None after `hidden`.
@@ -44,30 +64,17 @@ class MaskFollower:
         hidden: the object was not found in the newest frame.
     """
 
-    def __init__(
-        self,
-        frame: np.ndarray,
-        mask: np.ndarray,
-        plate: Plate | None,
-        progress: Progress,
-        contrast: Contrast | None = None,
-        trim: bool = False,
-        other: np.ndarray | None = None,
-        panned: Plate | None = None,
-    ) -> None:
+    def __init__(self, frame: np.ndarray, mask: np.ndarray, known: Surroundings, progress: Progress, *, trim: bool = True) -> None:
         """`frame` (H, W, 3) uint8 RGB and `mask` (H, W) bool of frame 0; `progress` is asked several times a frame.
 
-        `contrast`: how the object differs from the plate; None learns it from frame 0. `trim`: masks end in the middle of a blurred rim.
-        `other` (H, W) bool: another thing that may move along. `panned`: the background in frame 0 where the camera moves.
+        `trim`: masks end in the middle of a blurred rim.
         """
         self._trim = trim
         self._progress = progress
-        self._plate = plate
-        self._contrast = contrast if contrast is not None or plate is None else Contrast(plate, [(frame, mask)])
-        self._panned = None if panned is None else PannedPlate(frame, mask, panned)
-        self._behind = plate
-        if panned is not None and self._contrast is None:
-            self._contrast = Contrast(panned, [(frame, mask)])
+        self._behind, self._contrast = known.plate, known.contrast
+        if known.plate is not None and known.contrast is None:
+            self._contrast = Contrast(known.plate, [(frame, mask)])
+        self._panned = PannedPlate(frame, mask, known.plate) if known.panned and known.plate is not None else None
         self._solver = FlowSolver(rough=True)
         self._gray = cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY)
         self._shape, self._whole = Carried("shape", mask), Carried("whole", mask)
@@ -75,7 +82,7 @@ class MaskFollower:
         self._steps = 0
         self._missed = 0
         self._most = float(np.count_nonzero(mask))
-        self._other = Other(frame, mask, other)
+        self._other = Other(frame, mask, known.other)
         self.mask = mask
         self.velocity = np.zeros(2)
         self.hidden = False
@@ -110,7 +117,7 @@ class MaskFollower:
 
     def finished(self, frame: np.ndarray, mask: np.ndarray) -> np.ndarray:
         """See `through.Follower.finished`."""
-        return cut_back(frame, mask, self._plate, self._progress) if self._trim else mask
+        return cut_back(frame, mask, self._progress) if self._trim else mask
 
     def state(self) -> dict[str, np.ndarray]:
         """See `through.Follower.state`."""

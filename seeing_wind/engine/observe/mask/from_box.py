@@ -64,7 +64,7 @@ def by_colors(frame: np.ndarray, inside: np.ndarray, progress: Progress) -> np.n
     window = _surroundings(inside)
     boxed, mask = cut(inside, window), np.zeros(inside.shape, bool)
     paste(mask, tidy(_begun(cut(frame, window), boxed, None, progress) & boxed), window)
-    return cut_back(frame, mask, None, progress) & inside
+    return cut_back(frame, mask, progress) & inside
 
 
 def better_drawn(frame: np.ndarray, mask: np.ndarray, other: np.ndarray, inside: np.ndarray, still: np.ndarray) -> np.ndarray:
