@@ -138,15 +138,6 @@ def test_where_the_outline_is_wrong_in_another_way_it_stays(patched: Scene) -> N
     assert all((masks[t] == wrong[t]).all() for t in range(9, 13))
 
 
-def test_a_mistake_that_is_over_is_not_mended_again(patched: Scene) -> None:
-    cut = patched.masks & (np.arange(WIDTH) < patched.centers[:, 0].round()[:, None, None] + 20)
-    wrong = cut.copy()
-    wrong[6:10] = patched.masks[6:10]
-    masks = corrected(patched.frames, Masks.of(wrong), {3: patched.masks[3]}, NoProgress())
-    assert overlaps(masks, patched.masks)[:10].min() > 0.95
-    assert all((masks[t] == wrong[t]).all() for t in range(10, 13)), "what is like it there is taken for the thing's shape"
-
-
 def test_points_of_a_later_frame_reach_the_observation(patched: Scene, settings: ObserveSettings) -> None:
     x, y = patched.centers[6]
     seen = observe(patched.path, settings, NoProgress())

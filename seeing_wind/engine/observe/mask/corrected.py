@@ -33,12 +33,6 @@ CLOSE, ALIKE = 0.1, 0.5
 """How far round a correction outlines are compared, in the same units, and by how much they may differ there, in units of the correction,
 for them to be wrong in the same way."""
 
-LITTLE = 0.003
-"""Part of the object that a correction has to change for it to be taken along."""
-
-GONE = 3
-"""Frames in a row in which the outline is not wrong in that way for the mistake to be over: what is like it later is another one."""
-
 POINTS = 400
 """Pixels of the object near a correction by which its motion is told."""
 
@@ -187,24 +181,22 @@ def corrected(frames: Frames, masks: Masks, better: dict[int, np.ndarray], progr
 
     What was added and taken away there moves with the object near it, halfway to the next such frame. An outline is wrong alike in one
     frame after the other: so the correction goes along, and all else stays as it was found in each frame. Where the outline found there
-    differs by more than half of the correction from the one that was corrected, it is wrong in another way, and stays; where it does so in
-    three frames in a row, the mistake is over.
+    differs by more than half of the correction from the one that was corrected, it is wrong in another way, and stays.
     """
     at, found = sorted(better), {t: better[t] for t in better}
     ends = [(one + other) // 2 for one, other in zip(at, at[1:])]
     for start, low, high in zip(at, [0, *(end + 1 for end in ends)], [*ends, len(frames) - 1]):
-        area = int(better[start].sum())
-        changes = [(part, True) for part in _parts(better[start] & ~masks[start], area)]
-        changes += [(part, False) for part in _parts(masks[start] & ~better[start], area)]
+        changes = [(part, True) for part in _parts(better[start] & ~masks[start])]
+        changes += [(part, False) for part in _parts(masks[start] & ~better[start])]
         for way in (range(start + 1, high + 1), range(start - 1, low - 1, -1)) if changes else ():
             found |= _mended(frames, masks, better[start], changes, way, progress)
     return Masks.of(found[t] if t in found else masks[t] for t in range(len(frames)))
 
 
-def _parts(mask: np.ndarray, area: int) -> list[np.ndarray]:
-    """What of `mask` (H, W) bool hangs together, specks of an object of `area` [px] left out."""
+def _parts(mask: np.ndarray) -> list[np.ndarray]:
+    """What of `mask` (H, W) bool hangs together, without specks."""
     count, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
-    return [labels == one for one in range(1, count) if stats[one, cv2.CC_STAT_AREA] >= max(LEAST_PIXELS, LITTLE * area)]
+    return [labels == one for one in range(1, count) if stats[one, cv2.CC_STAT_AREA] >= LEAST_PIXELS]
 
 
 def _mended(
@@ -214,7 +206,6 @@ def _mended(
     size, outline = float(np.sqrt(shape.sum())), masks[way.start - way.step]
     reach = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, 2 * (2 * round(max(CLOSE * size, 3.0)) + 1,))
     around = [cv2.dilate(part.astype(np.uint8), reach) > 0 for part, _ in changes]
-    missed = np.zeros(len(changes), int)
     distance = cv2.distanceTransform(1 - np.any([part for part, _ in changes], axis=0).astype(np.uint8), cv2.DIST_L2, 5)
     near = shape & (distance <= LOCAL * size)
     points = pixels_of(near if near.any() else shape)
@@ -236,26 +227,13 @@ def _mended(
             break
         total = np.vstack([fit, [0.0, 0.0, 1.0]]) @ total
         differs, mended = _moved(outline, total) ^ mask, mask.copy()
-        for number, ((part, added), place) in enumerate(zip(changes, around)):
+        for (part, added), place in zip(changes, around):
             part, place = _moved(part, total), _moved(place, total)
-            alike = (differs & place).sum() < ALIKE * part.sum()
-            missed[number] = 0 if alike and missed[number] < GONE else missed[number] + 1
-            if missed[number] == 0:
+            if (differs & place).sum() < ALIKE * part.sum():
                 mended[part] = added
-                mended = _without_scraps(mended, place, added)
-        if (missed >= GONE).all():
-            break
         found[t] = mended
         before, last = gray, mask
     return found
-
-
-def _without_scraps(mask: np.ndarray, place: np.ndarray, added: bool) -> np.ndarray:
-    """`mask` (H, W) bool without what a change, added or not, has left of it, or open in it, wholly inside the change's `place`."""
-    count, labels, stats, _ = cv2.connectedComponentsWithStats((mask != added).astype(np.uint8), connectivity=4)
-    scraps = np.bincount(labels[place], minlength=count) == stats[:, cv2.CC_STAT_AREA]
-    scraps[0] = False
-    return np.where(scraps[labels], added, mask)
 
 
 def _moved(mask: np.ndarray, matrix: np.ndarray) -> np.ndarray:
