@@ -22,6 +22,7 @@ from .clip.frames import Clip
 from .clip.images import write_png
 from .clip.lens import Lens
 from .clip.transforms import LENS
+from .mask.cutting import grown
 from .mask.first_mask import point_list, read_mask
 from .tracks.file import load_tracks
 
@@ -118,8 +119,7 @@ class WorkingSize:
         image = Lens(camera).straight_one(clip.as_filmed(0))
         background = cv2.resize(seen.background, size, interpolation=cv2.INTER_CUBIC)
         # Off the object frame 0 shows the same, only sharper.
-        near = cv2.dilate(seen.masks[0].astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
-        same = (cv2.absdiff(seen.background, seen.image).max(axis=2) < ALIKE) & ~near
+        same = (cv2.absdiff(seen.background, seen.image).max(axis=2) < ALIKE) & ~grown(seen.masks[0])
         background[self._larger(same)] = image[self._larger(same)]
         mask = self._larger(seen.masks[0])
         depth = cv2.resize(_filled(seen.depth), size, interpolation=cv2.INTER_LINEAR)

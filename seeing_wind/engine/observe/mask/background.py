@@ -12,7 +12,7 @@ import numpy as np
 from ...masks import Masks, box_of, rows_columns
 from ...progress import Progress
 from ..clip.stored import Frames, some_of
-from .cutting import enclosed, grown
+from .cutting import enclosed, grown, opened
 from .motion import Window, cut, passed, within
 
 GRAIN = 0.8
@@ -189,11 +189,10 @@ def seen_first(plate: Plate, frames: Frames, mask: np.ndarray, around: np.ndarra
     """
     chosen = some_of(len(frames), LONGEST_MEDIAN)
     away = largest(_grainless(cv2.absdiff(np.array(frames[0]), plate.color))) > 4.0 * plate.noise
-    stayed = cv2.morphologyEx((~away & mask).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
-    near = (cv2.dilate(mask.astype(np.uint8), np.ones((9, 9), np.uint8)) > 0) | around
-    doubtful = (away | ~plate.reliable) & ~near
+    stayed = grown(opened(~away & mask))
+    doubtful = (away | ~plate.reliable) & ~grown(mask) & ~around
     plate = Plate(plate.color, plate.reliable & ~(around & ~mask & away), plate.noise)
-    color, reliable = plate.color, plate.reliable & (cv2.dilate(stayed, np.ones((9, 9), np.uint8)) == 0)
+    color, reliable = plate.color, plate.reliable & ~stayed
     if doubtful.any():
         part = rows_columns(box_of(doubtful))
         first = np.array(frames[0][part])

@@ -16,7 +16,7 @@ from .evidence import Contrast
 from .follow import MaskFollower, Surroundings
 from .from_box import better_drawn, by_colors, refined
 from .motion import window_of, within
-from .moving.in_box import NEARBY, Moving, left
+from .moving.in_box import NEARBY, Moving, changes
 from .moving.others import beyond_box
 from .rim import boxed_in, cut_back
 from .through import followed
@@ -50,31 +50,33 @@ def with_background(
         frames: (T+1, H, W, 3) uint8 RGB; mask: (H, W) bool, the object in frame 0; plate: the background; moving: see `moving_from`.
         around: (H, W) bool, where a mask, box or points say that the object is.
     """
-    boxed = boxed_alone(settings)
-    median = plate.color
-    near = within(window_of(around, NEARBY), mask)
-    motion = moving(near) if boxed else None
-    still = None if motion is None else motion + left(frames[0], plate, near) < 0.0
-    plate = seen_first(plate, frames, mask, around if settings.box is not None else mask)
-    other = beyond_box(frames[0], mask, around, plate, moving) if boxed else np.zeros_like(mask)
-    if motion is not None:
-        mask = boxed_in(frames[0], refined(frames[0], mask & ~other, plate, around, motion, other), around, plate)
-    contrast, colored = None, None
-    if not settings.mask_model:
-        with ThreadPoolExecutor(1) as beside:
-            colored = beside.submit(by_colors, frames[0], around, progress) if boxed else None
-            masks = _roughly(frames, mask, other, plate, progress, journal)
-        if areas(masks)[1:].any():
-            plate = plate_behind(frames, masks, plate, median, progress)
-            seen = np.flatnonzero(areas(masks))
-            some = seen[some_of(len(seen), LEARNT)]
-            contrast = Contrast(plate, ((frames[int(t)], masks[int(t)]) for t in some))
-    if motion is not None and still is not None and colored is not None:
-        other = beyond_box(frames[0], mask, around, plate, moving)
-        found = refined(frames[0], mask, plate, around, motion, other, contrast)
-        mask = cut_back(frames[0], boxed_in(frames[0], found, around, plate), progress) & around
-        mask = better_drawn(frames[0], mask, colored.result(), around, still)
-    return mask, Surroundings(plate, contrast, other)
+    boxed, contrast, other = boxed_alone(settings), None, np.zeros_like(mask)
+    behind = seen_first(plate, frames, mask, around if settings.box is not None else mask)
+    if boxed:
+        mask, other = _again(frames[0], mask, behind, contrast, around, moving)
+    if settings.mask_model:
+        return mask, Surroundings(behind, contrast, other)
+    with ThreadPoolExecutor(1) as beside:
+        colored = beside.submit(by_colors, frames[0], around, progress) if boxed else None
+        masks = _roughly(frames, mask, other, behind, progress, journal)
+    if areas(masks)[1:].any():
+        behind = plate_behind(frames, masks, behind, plate.color, progress)
+        seen = np.flatnonzero(areas(masks))
+        contrast = Contrast(behind, ((frames[int(t)], masks[int(t)]) for t in seen[some_of(len(seen), LEARNT)]))
+    if colored is not None:
+        mask, other = _again(frames[0], mask, behind, contrast, around, moving)
+        still = changes(frames[0], plate, moving, within(window_of(around, NEARBY), mask)) < 0.0
+        mask = better_drawn(frames[0], cut_back(frames[0], mask, progress) & around, colored.result(), around, still)
+    return mask, Surroundings(behind, contrast, other)
+
+
+def _again(
+    frame: np.ndarray, mask: np.ndarray, plate: Plate, contrast: Contrast | None, around: np.ndarray, moving: Moving
+) -> tuple[np.ndarray, np.ndarray]:
+    """The outline `mask` (H, W) bool of `frame`, frame 0, in the box `around` (H, W) bool, found again with the background known; and what
+    other thing moves along with it, (H, W) bool."""
+    other = beyond_box(frame, mask, around, plate, moving)
+    return boxed_in(frame, refined(frame, mask & ~other, plate, around, moving, other, contrast), around, plate), other
 
 
 def _roughly(

@@ -5,7 +5,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from .motion import Flow, Window, placed, window_of
+from .cutting import closed
+from .motion import Flow, Window, placed, shifted, window_of
 
 
 class Carried:
@@ -22,8 +23,8 @@ class Carried:
 
     def set(self, part: np.ndarray, window: Window = (0, 0, 0, 0)) -> None:
         """It is `part` (h, w) bool of a window from now on."""
-        x0, y0, x1, y1 = window_of(part, 0) if part.any() else (0, 0, 0, 0)
-        self.part, self.window = part[y0:y1, x0:x1].copy(), (x0 + window[0], y0 + window[1], x1 + window[0], y1 + window[1])
+        x0, y0, x1, y1 = own = window_of(part, 0) if part.any() else (0, 0, 0, 0)
+        self.part, self.window = part[y0:y1, x0:x1].copy(), shifted(own, *window[:2])
 
     def any(self) -> bool:
         """Whether anything is left of it."""
@@ -37,8 +38,7 @@ class Carried:
         """As a whole, by `motion` (2,) [px]; what whole pixels leave of it is kept for the next time."""
         whole = np.round(motion + self._rest)
         self._rest = motion + self._rest - whole
-        (x0, y0, x1, y1), (dx, dy) = self.window, (int(whole[0]), int(whole[1]))
-        self.window = (x0 + dx, y0 + dy, x1 + dx, y1 + dy)
+        self.window = shifted(self.window, int(whole[0]), int(whole[1]))
 
     def flow(self, flow: Flow) -> None:
         """Each pixel by the `flow` to the next frame."""
@@ -48,11 +48,11 @@ class Carried:
         # Apart, as NumPy is many times slower over pairs.
         to_x, to_y = np.ascontiguousarray((at + np.rint(flow.of(self.part, self.window)).astype(np.int64)).T)
         (left, right), (top, bottom) = ((int(one.min()) - 4, int(one.max()) + 5) for one in (to_x, to_y))  # as far as closing looks
-        part = np.zeros((bottom - top, right - left), np.uint8)
-        part[to_y - top, to_x - left] = 1
+        part = np.zeros((bottom - top, right - left), bool)
+        part[to_y - top, to_x - left] = True
         # Pixels drift apart where it grows.
         x0, y0 = self.window[0] + left, self.window[1] + top
-        self.set(cv2.morphologyEx(part, cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8)) > 0, (x0, y0, x0, y0))
+        self.set(closed(part, 5), (x0, y0, x0, y0))
 
     def state(self) -> dict[str, np.ndarray]:
         """All that the frames to come depend on."""

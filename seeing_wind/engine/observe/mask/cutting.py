@@ -81,7 +81,31 @@ def _without_holes(kept: np.ndarray) -> np.ndarray:
 
 def grown(mask: np.ndarray) -> np.ndarray:
     """`mask` (H, W) bool with what lies up to four pixels beside it, where a blurred rim and a codec's traces still show the object."""
-    return cv2.dilate(mask.astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
+    return widened(mask, 4)
+
+
+def widened(mask: np.ndarray, by: int) -> np.ndarray:
+    """`mask` (H, W) bool with what lies up to `by` pixels beside it."""
+    return cv2.dilate(mask.astype(np.uint8), _square(2 * by + 1)) > 0
+
+
+def narrowed(mask: np.ndarray, by: int) -> np.ndarray:
+    """`mask` (H, W) bool without what lies up to `by` pixels from its border; it goes on beyond the frame."""
+    return cv2.erode(mask.astype(np.uint8), _square(2 * by + 1)) > 0
+
+
+def opened(mask: np.ndarray, across: int = 3) -> np.ndarray:
+    """`mask` (H, W) bool without what is less than `across` pixels thick, an odd number: OpenCV moves what it opens by an even one."""
+    return cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, _square(across)) > 0
+
+
+def closed(mask: np.ndarray, across: int) -> np.ndarray:
+    """`mask` (H, W) bool with its gaps of less than `across` pixels, an odd number."""
+    return cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, _square(across)) > 0
+
+
+def _square(side: int) -> np.ndarray:
+    return np.ones((side, side), np.uint8)
 
 
 def enclosed(mask: np.ndarray) -> np.ndarray:

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from .background import Plate
-from .cutting import enclosed, grown
+from .cutting import enclosed, grown, narrowed, opened, widened
 from .motion import Window, cut, window_of
 from .rim import core
 
@@ -114,11 +114,11 @@ class Contrast:
             window = window_of(mask, 8 + int(0.35 * np.sqrt(np.count_nonzero(mask))))
             classes, known = _classes(*plate.compared(frame, window), plate.noise), cut(plate.reliable, window, cv2.BORDER_CONSTANT)
             whole = cut(mask, window, cv2.BORDER_CONSTANT)
-            shape = _unshaded(whole, classes % 3 > 0).astype(np.uint8)
+            shape = _unshaded(whole, classes % 3 > 0)
             # What lies beyond the steepest edges may be a shadow or a codec's smear that was taken in. The rim is both.
             own = shape & core(cv2.GaussianBlur(cut(frame, window), (0, 0), 1.0), whole)
-            inside.append(classes[(cv2.erode(own, np.ones((3, 3), np.uint8)) > 0) & known])
-            beside.append(classes[(cv2.dilate(shape, np.ones((5, 5), np.uint8)) == 0) & ~enclosed(shape) & known])
+            inside.append(classes[narrowed(own, 1) & known])
+            beside.append(classes[~widened(shape, 2) & ~enclosed(shape) & known])
         front = self._learnt(np.concatenate(inside), self._usual(*FRONT, 1.0))
         behind = self._learnt(np.concatenate(beside), self._usual(*BEHIND, 0.5))
         self._odds = np.zeros(256, np.float32)  # as OpenCV wants its tables
@@ -167,7 +167,7 @@ def _unshaded(shape: np.ndarray, relit: np.ndarray) -> np.ndarray:
     What is `relit` but enclosed by the rest is no shadow: a shadow lies beside the thing that casts it.
     """
     size = max(3, int(0.1 * np.sqrt(np.count_nonzero(shape)))) | 1
-    own = cv2.morphologyEx((shape & ~relit).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
+    own = opened(shape & ~relit).astype(np.uint8)
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
     own = np.pad(cv2.morphologyEx(np.pad(own, size), cv2.MORPH_CLOSE, kernel)[size:-size, size:-size], 1)
     _, labels = cv2.connectedComponents(1 - own, connectivity=4)

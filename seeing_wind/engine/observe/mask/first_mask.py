@@ -15,7 +15,7 @@ from ..clip.depth import read_depth
 from ..clip.images import read_image
 from ..clip.stored import Frames
 from .background import Plate
-from .cutting import LEAST_PIXELS, grab_cut, tidy
+from .cutting import LEAST_PIXELS, closed, grab_cut, opened, tidy
 from .from_box import NEITHER, numbers
 
 SEED = 0.012
@@ -123,7 +123,7 @@ def _changed_at(frame: np.ndarray, seeds: np.ndarray, points: np.ndarray, plate:
     if plate is None:
         return None
     changed = (plate.difference(frame) > 6.0 * plate.noise) | ~plate.reliable
-    _, labels = cv2.connectedComponents(cv2.morphologyEx(changed.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8)))
+    _, labels = cv2.connectedComponents(closed(changed, 5).astype(np.uint8))
     column, row = np.round(points).astype(int).T
     own = np.unique(labels[row, column])
     if not own.all():
@@ -156,11 +156,8 @@ def _coloured_as(frame: np.ndarray, seeds: np.ndarray, points: np.ndarray, progr
 def _what_moves(frame: np.ndarray, plate: Plate | None) -> np.ndarray:
     if plate is None:
         raise ObjectError("No object was marked, and the camera moves, so nothing says what it is.", NEITHER)
-    changed = (plate.difference(frame) > 6.0 * plate.noise + 6.0).astype(np.uint8)
-    changed = cv2.morphologyEx(
-        cv2.morphologyEx(changed, cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8)), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)
-    )
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(changed, connectivity=8)
+    changed = opened(closed(plate.difference(frame) > 6.0 * plate.noise + 6.0, 5))
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(changed.astype(np.uint8), connectivity=8)
     areas = stats[1:, cv2.CC_STAT_AREA]
     if count < 2 or areas.max() < LEAST_PIXELS:
         raise ObjectError("No object was marked, and nothing in the first frame differs from the background.", NEITHER)

@@ -10,9 +10,9 @@ import numpy as np
 from ...progress import Progress
 from .background import Plate
 from .carried import Carried
-from .cutting import LEAST_PIXELS, hanging_on, tidy
+from .cutting import LEAST_PIXELS, hanging_on, opened, tidy
 from .evidence import SMALL, Contrast, against_plate, against_shape, cut_out, weighed
-from .motion import Flow, FlowSolver, Window, band_of, body_shift, cut, median_of, middle_of, paste, placed, window_of, within
+from .motion import Flow, FlowSolver, Window, band_of, body_shift, cut, median_of, middle_of, paste, placed, shifted, window_of, within
 from .moving.others import Other
 from .moving.panned import PannedPlate
 from .rim import cut_back
@@ -156,14 +156,14 @@ class MaskFollower:
 
     def _carry(self, shift: np.ndarray, margin: int) -> tuple[np.ndarray, Window]:
         """The last silhouette moved by the flow (or the shift), in a window round its new place."""
-        (x0, y0, x1, y1), (dx, dy) = self._shape.window, (int(value) for value in np.round(shift))
-        where = (x0 + dx - margin, y0 + dy - margin, x1 + dx + margin, y1 + dy + margin)
+        x0, y0, x1, y1 = there = shifted(self._shape.window, *(int(value) for value in np.round(shift)))
+        where = (x0 - margin, y0 - margin, x1 + margin, y1 + margin)
         if self.flow is None or np.count_nonzero(self._shape.part) < SMALL:
-            return placed(self._shape.part, (x0 + dx, y0 + dy, x1 + dx, y1 + dy), where), where
+            return placed(self._shape.part, there, where), where
         moved = Carried("moved")
         moved.set(self._shape.part, self._shape.window)
         moved.flow(self.flow)
-        return cv2.morphologyEx(moved.over(where).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)) > 0, where
+        return opened(moved.over(where)), where
 
     def _silhouette(self, frame: np.ndarray, carried: np.ndarray, where: Window) -> np.ndarray:
         """The object (h, w) bool by its `carried` silhouette (h, w) bool, both in the window `where`."""
@@ -171,8 +171,7 @@ class MaskFollower:
             return carried
         band = band_of(float(np.count_nonzero(carried)))
         # Farther away than three bands, no evidence outweighs the silhouette's.
-        near = window_of(carried, int(3 * band) + FILTERS)
-        around = within((near[0] + where[0], near[1] + where[1], near[2] + where[0], near[3] + where[1]), frame)
+        around = within(shifted(window_of(carried, int(3 * band) + FILTERS), *where[:2]), frame)
         if around[0] >= around[2] or around[1] >= around[3]:
             return np.zeros_like(carried)
         crop, seen, before = cut(frame, around), self._against_plate(frame, around), placed(carried, where, around)
@@ -195,13 +194,13 @@ class MaskFollower:
         if np.count_nonzero(found) >= WHOLE * self._most:
             self._whole.set(found, where)
             return found, where
-        x0, y0, x1, y1 = window_of(found, int(0.5 * np.sqrt(self._most))) if found.any() else (0, 0, *found.shape[::-1])
-        wide = within((x0 + where[0], y0 + where[1], x1 + where[0], y1 + where[1]), frame)
+        wide = shifted(window_of(found, int(0.5 * np.sqrt(self._most))), *where[:2]) if found.any() else where
+        wide = within(wide, frame)
         seen = self._against_plate(frame, wide)
         if seen is None:
             return found, where
         sure = seen[1] & (seen[0] > SURELY) & (self._other.colors.odds(cut(frame, wide)) > 0.0)
-        sure = cv2.morphologyEx(sure.astype(np.uint8), cv2.MORPH_OPEN, np.ones((THICK, THICK), np.uint8)) > 0
+        sure = opened(sure, THICK)
         again = hanging_on(sure, placed(found, where, wide) | sure & self._whole.over(wide))
         return (self._silhouette(frame, again, wide), wide) if np.count_nonzero(again) > np.count_nonzero(found) else (found, where)
 

@@ -8,9 +8,9 @@ import numpy as np
 from ...errors import ObjectError, UsageError
 from ...progress import Progress
 from .background import Plate
-from .cutting import LEAST_PIXELS, enclosed, grab_cut, tidy
+from .cutting import LEAST_PIXELS, closed, enclosed, grab_cut, opened, tidy, widened
 from .evidence import SURE, Colors, Contrast, against_plate, against_shape, cut_out, weighed
-from .motion import Window, band_of, cut, paste, window_of, within
+from .motion import Window, band_of, cut, paste, shifted, window_of, within
 from .moving.in_box import MOVES, NEARBY, Moving, left
 from .rim import cut_back, rim_of, steepness
 
@@ -41,17 +41,8 @@ def mask_in_box(
     if plate is None or moving is None:
         mask = by_colors(frame, inside, progress)
     else:
-        window = _surroundings(inside)
-        boxed, near = cut(inside, window), within(window_of(inside, NEARBY), frame)
-        motion, behind = np.zeros(boxed.shape, np.float32), left(frame, plate, window)
-        paste(motion, moving(near), (near[0] - window[0], near[1] - window[1], near[2] - window[0], near[3] - window[1]))
-        found = _begun(cut(frame, window), boxed, (motion, behind, plate.relit(frame, window)), progress)
-        if found.sum() < max(MOVES * boxed.sum(), LEAST_PIXELS):
-            # A box that GrabCut empties holds something too small or too alike: trust what changes.
-            found = (motion + behind > 0.0) & boxed
         # With a background, frame 0 is looked at again.
-        mask = np.zeros(inside.shape, bool)
-        paste(mask, tidy(found & boxed), window)
+        mask = _by_motion(frame, inside, plate, moving, progress)
     if mask.sum() < LEAST_PIXELS:
         raise ObjectError(
             f"Nothing in the box {numbers(box)} stands out from its surroundings.", "Draw the box closer, or give --mask with a PNG."
@@ -63,8 +54,34 @@ def by_colors(frame: np.ndarray, inside: np.ndarray, progress: Progress) -> np.n
     """What GrabCut finds in the box `inside` (H, W) bool by the colours of `frame` (H, W, 3) uint8 alone, (H, W) bool; maybe nothing."""
     window = _surroundings(inside)
     boxed, mask = cut(inside, window), np.zeros(inside.shape, bool)
-    paste(mask, tidy(_begun(cut(frame, window), boxed, None, progress) & boxed), window)
+    found = grab_cut(cut(frame, window), np.where(boxed, cv2.GC_PR_FGD, cv2.GC_BGD).astype(np.uint8), 5, progress)
+    paste(mask, tidy(found & boxed), window)
     return cut_back(frame, mask, progress) & inside
+
+
+def _by_motion(frame: np.ndarray, inside: np.ndarray, plate: Plate, moving: Moving, progress: Progress) -> np.ndarray:
+    """What GrabCut finds in the box `inside` (H, W) bool of `frame`, frame 0, (H, W) bool, begun with what moves by itself or differs from
+    the background as the object."""
+    window, near = _surroundings(inside), within(window_of(inside, NEARBY), frame)
+    boxed, behind = cut(inside, window), left(frame, plate, window)
+    motion = np.zeros(boxed.shape, np.float32)
+    paste(motion, moving(near), shifted(near, -window[0], -window[1]))
+    trimap, likely = np.where(boxed, cv2.GC_PR_FGD, cv2.GC_BGD).astype(np.uint8), (motion + behind > 0.0) & boxed
+    if likely.sum() > max(MOVES * boxed.sum(), LEAST_PIXELS):
+        trimap[boxed & ~likely] = cv2.GC_PR_BGD
+        # Of what changes, only a shadow is surely no object: where a path is short, the median shows the object itself. Blurred rims look
+        # like shadows, but are narrow.
+        shadow = opened(plate.relit(frame, window) & (behind < -1.0))
+        trimap[boxed & (behind < -1.0) & ((motion < 0.0) | shadow & (motion <= 0.0))] = cv2.GC_BGD
+        # Where both agree, colours are not asked; gaps narrower than a codec's blocks are closed.
+        trimap[boxed & closed(behind > 0.0, 9) & ~opened(behind < 0.0, 5) & (motion > 0.0)] = cv2.GC_FGD
+    found = grab_cut(cut(frame, window), trimap, 5, progress)
+    if found.sum() < max(MOVES * boxed.sum(), LEAST_PIXELS):
+        # A box that GrabCut empties holds something too small or too alike: trust what changes.
+        found = likely
+    mask = np.zeros(inside.shape, bool)
+    paste(mask, tidy(found & boxed), window)
+    return mask
 
 
 def better_drawn(frame: np.ndarray, mask: np.ndarray, other: np.ndarray, inside: np.ndarray, still: np.ndarray) -> np.ndarray:
@@ -123,56 +140,30 @@ def _pixels_of(box: tuple[float, float, float, float], height: int, width: int) 
     return inside
 
 
-def _begun(
-    crop: np.ndarray, boxed: np.ndarray, seen: tuple[np.ndarray, np.ndarray, np.ndarray] | None, progress: Progress
-) -> np.ndarray:
-    """The object (h, w) bool in `crop` by GrabCut, begun with what moves by itself or differs from the background as the object.
-
-    `seen`, (h, w) each: log odds by motion, and by what differs from the background; bool, where a shadow came or went.
-    """
-    trimap = np.where(boxed, cv2.GC_PR_FGD, cv2.GC_BGD).astype(np.uint8)
-    if seen is not None:
-        motion, behind, relit = seen
-        likely = (motion + behind > 0.0) & boxed
-        if likely.sum() > max(MOVES * boxed.sum(), LEAST_PIXELS):
-            trimap[boxed & ~likely] = cv2.GC_PR_BGD
-            # Of what changes, only a shadow is surely no object: where a path is short, the median shows the object itself. Blurred rims
-            # look like shadows, but are narrow.
-            shadow = cv2.morphologyEx((relit & (behind < -1.0)).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)) > 0
-            trimap[boxed & (behind < -1.0) & ((motion < 0.0) | shadow & (motion <= 0.0))] = cv2.GC_BGD
-            # Where both agree, colours are not asked; gaps narrower than a codec's blocks are closed.
-            closed = cv2.morphologyEx((behind > 0.0).astype(np.uint8), cv2.MORPH_CLOSE, np.ones((9, 9), np.uint8)) > 0
-            shade = cv2.morphologyEx((behind < 0.0).astype(np.uint8), cv2.MORPH_OPEN, np.ones((5, 5), np.uint8)) > 0
-            trimap[boxed & closed & ~shade & (motion > 0.0)] = cv2.GC_FGD
-    return grab_cut(crop, trimap, 5, progress)
-
-
 def refined(
     frame: np.ndarray,
     mask: np.ndarray,
     plate: Plate,
     allowed: np.ndarray,
-    motion: np.ndarray,
+    moving: Moving,
     other: np.ndarray,
-    contrast: Contrast | None = None,
+    contrast: Contrast | None,
 ) -> np.ndarray:
     """The object in `frame` (H, W, 3), frame 0, found again with the background known, within `allowed` (H, W) bool.
 
-    `mask` (H, W) bool: where it was found before; `motion` (h, w): `moving_odds` in the window of `allowed` and NEARBY pixels
-    round it, as far as the frame goes; `other` (H, W) bool: see `others.beyond_box`.
+    `mask` (H, W) bool: where it was found before; `other` (H, W) bool: see `others.beyond_box`; `contrast`: None learns it from frame 0.
     """
     band = band_of(float(mask.sum()))
     window = within(window_of(allowed, NEARBY), frame)
     crop, shape = cut(frame, window), cut(mask, window, cv2.BORDER_CONSTANT)
-    near = cv2.dilate(shape.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
-    colors = Colors(crop[shape], crop[~near]).odds(crop)
+    colors = Colors(crop[shape], crop[~widened(shape, 2)]).odds(crop)
     odds, known = against_plate(frame, plate, window, contrast or Contrast(plate, [(frame, mask)]))
     # What never changes may be a part of the object that is held: its colour can outweigh that, here alone.
     expected = against_shape(shape, band)
     expected = np.where(enclosed(shape), np.maximum(expected, 0.0), expected)
     apart = cut(other, window, cv2.BORDER_CONSTANT) & ~(known & (odds < 0.0))
     # Both count half: the silhouette is a first guess, and dense flow runs on for some pixels into what lies beside a thing that moves.
-    odds = weighed(0.5 * expected, (odds, known), colors, apart, 0.5 * motion)
+    odds = weighed(0.5 * expected, (odds, known), colors, apart, 0.5 * moving(window))
     inside = cut(allowed, window, cv2.BORDER_CONSTANT)
     odds[~inside] = -2.0 * SURE
     found = tidy(cut_out(odds, crop, float(shape.sum())) & inside, shape)

@@ -60,6 +60,12 @@ def window_of(mask: np.ndarray, margin: int) -> Window:
     return x0 - margin, y0 - margin, x1 + margin, y1 + margin
 
 
+def shifted(window: Window, dx: int, dy: int) -> Window:
+    """`window` elsewhere, or counted from another corner."""
+    x0, y0, x1, y1 = window
+    return x0 + dx, y0 + dy, x1 + dx, y1 + dy
+
+
 def passed(masks: Masks, margin: int) -> Window:
     """The smallest window that holds all `masks` (T+1, H, W), of which one at least is not empty, `margin` pixels wider on each side."""
     seen = masks.windows[masks.windows[:, 2] > 0].astype(int)
@@ -77,7 +83,7 @@ def placed(part: np.ndarray, window: Window, where: Window) -> np.ndarray:
     """`part` (h, w) bool of `window` in the window `where`, False beyond."""
     values = np.zeros((where[3] - where[1], where[2] - where[0]), bool)
     if part.size:
-        paste(values, part, (window[0] - where[0], window[1] - where[1], window[2] - where[0], window[3] - where[1]))
+        paste(values, part, shifted(window, -where[0], -where[1]))
     return values
 
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from ...progress import Progress
 from .background import Plate, largest
-from .cutting import grab_cut, tidy
-from .motion import Window, band_of, cut, paste, window_of, within
+from .cutting import grab_cut, narrowed, opened, tidy, widened
+from .motion import band_of, cut, paste, window_of, within
 
 CORE = 0.3
 """Depth of a silhouette from which it is surely the object, in units of its largest."""
@@ -58,9 +58,7 @@ def cut_again(frame: np.ndarray, mask: np.ndarray, progress: Progress) -> np.nda
     if trimap.size > PIXELS:
         # A stem is hardly a pixel wide on a smaller copy: it is left as it was.
         across = int(THIN * np.sqrt(trimap.size / PIXELS)) | 1
-        kernel = np.ones((across, across), np.uint8)
-        broad = cv2.dilate(cv2.morphologyEx(shape.astype(np.uint8), cv2.MORPH_OPEN, kernel), kernel) > 0
-        again = np.where(broad, again, shape)
+        again = np.where(widened(opened(shape, across), across // 2), again, shape)
     found = np.zeros_like(mask)
     paste(found, again, window)
     return found
@@ -116,31 +114,20 @@ def boxed_in(frame: np.ndarray, mask: np.ndarray, box: np.ndarray, plate: Plate)
         return mask
     window = window_of(mask, 8)
     smooth, shape = cv2.GaussianBlur(cut(frame, window), (0, 0), 1.0), cut(mask, window)
-    labels, area = _parts(shape & ~core(smooth, shape))
+    count, labels = cv2.connectedComponents(opened(shape & ~core(smooth, shape)).astype(np.uint8), connectivity=4)
     # Wider than the window by more than the blur that averages grain out looks.
     near, unseen = within(window_of(mask, 2 * 8), frame), np.zeros_like(mask)
     behind = Plate(cut(plate.color, near), cut(plate.reliable, near), plate.noise)
     paste(unseen, ~(behind.reliable & (behind.difference(cut(frame, near)) < 3.0 * plate.noise)), near)
     # Nearer to the box, a lens and a codec spread what touches its border.
-    beyond = cut(unseen & (cv2.dilate(box.astype(np.uint8), np.ones((5, 5), np.uint8)) == 0), window, cv2.BORDER_CONSTANT)
-    border = cv2.dilate(beyond.astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
-    cuts = np.bincount(labels[border], minlength=len(area)) / 2.0
+    border = widened(cut(unseen & ~widened(box, 2), window, cv2.BORDER_CONSTANT), 4)
+    area, cuts = np.bincount(labels.ravel(), minlength=count), np.bincount(labels[border], minlength=count) / 2.0
     gone = cuts > CUT * np.sqrt(area)
     gone[0] = False
-    return _without(mask, shape, gone[labels], window) if gone.any() else mask
-
-
-def _parts(rest: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Labels (h, w) of the parts of `rest` (h, w) bool that are no slivers, 0 elsewhere, and the pixels of each label."""
-    opened = cv2.morphologyEx(rest.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
-    count, labels = cv2.connectedComponents(opened, connectivity=4)
-    return labels, np.bincount(labels.ravel(), minlength=count)
-
-
-def _without(mask: np.ndarray, shape: np.ndarray, gone: np.ndarray, window: Window) -> np.ndarray:
-    """`mask` (H, W) bool, which is `shape` (h, w) bool in `window`, without what is `gone` (h, w) bool and slivers beside that."""
+    if not gone.any():
+        return mask
     left = mask.copy()
-    paste(left, cv2.morphologyEx((shape & ~gone).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)) > 0, window)
+    paste(left, opened(shape & ~gone[labels]), window)
     return left
 
 
@@ -148,12 +135,11 @@ def core(smooth: np.ndarray, shape: np.ndarray) -> np.ndarray:
     """The part (h, w) bool of `shape` (h, w) bool within the steepest edges of `smooth` (h, w, 3) uint8 round its deepest places."""
     depth = _depth(shape.astype(np.uint8))
     marks = np.zeros(shape.shape, np.int32)
-    marks[cv2.dilate(shape.astype(np.uint8), np.ones((5, 5), np.uint8)) == 0] = 2
+    marks[~widened(shape, 2)] = 2
     marks[depth > CORE * depth.max()] = 1
     cv2.watershed(np.ascontiguousarray(smooth), marks)
     # The line between two basins belongs to neither.
-    inside: np.ndarray = (cv2.dilate((marks == 1).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0) & shape
-    return inside
+    return widened(marks == 1, 1) & shape
 
 
 def steepness(smooth: np.ndarray) -> np.ndarray:
@@ -164,6 +150,4 @@ def steepness(smooth: np.ndarray) -> np.ndarray:
 
 def rim_of(shape: np.ndarray) -> np.ndarray:
     """(h, w) bool: pixels beside the border of `shape` (h, w) bool, on either side."""
-    kernel, one = np.ones((3, 3), np.uint8), shape.astype(np.uint8)
-    rim: np.ndarray = cv2.dilate(one, kernel) > cv2.erode(one, kernel)
-    return rim
+    return widened(shape, 1) & ~narrowed(shape, 1)

@@ -8,6 +8,7 @@ import numpy as np
 from ...masks import Masks, areas, at_rim
 from ..clip.stored import Frames
 from ..mask.background import Plate
+from ..mask.cutting import narrowed, widened
 from ..mask.evidence import SMALL
 from ..mask.motion import cut, window_of
 
@@ -44,7 +45,7 @@ def centroid_track(frames: Frames, masks: Masks, plate: Plate | None) -> tuple[n
     """
     xy = np.full((len(frames), 2), np.nan)
     sigma = np.zeros(len(frames))
-    inner = cv2.erode(masks[0].astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    inner = narrowed(masks[0], 1)
     color = np.median(frames[0][inner if inner.any() else masks[0]], axis=0)
     size = areas(masks)
     usual = float(np.median(size[size > 0]))
@@ -92,9 +93,9 @@ def _cover(
     strength = (contrast**2).sum(axis=2)
     known = cut(plate.reliable, window) & (strength > (12.0 * plate.noise) ** 2)
     cover = ((cut(frame, window) - behind) * contrast).sum(axis=2) / np.maximum(strength, 1.0)
-    near = cv2.dilate(inside.astype(np.uint8), np.ones((2 * RIM + 1, 2 * RIM + 1), np.uint8)) > 0
+    near = widened(inside, RIM)
     # A patterned object has other colours than its median: inside, the mask is better evidence than one colour.
-    solid = cv2.erode(inside.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+    solid = narrowed(inside, 2)
     cover = np.where(solid, 1.0, np.where(cover > 0.1, np.minimum(cover, 1.0), 0.0))
     return np.where(near & known, cover, np.where(near, inside, 0.0)), known
 

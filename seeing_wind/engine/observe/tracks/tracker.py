@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 
 from ...record_arrays import from_arrays, to_arrays
+from ..mask.cutting import widened
 from ..mask.motion import Flow, middle_of
 from .anchor import HALF, Patches, align, cut_patches, sample, smooth
 from .neighbours import LEAST, disagreement, predict
@@ -276,7 +277,7 @@ class Tracker:
     @staticmethod
     def _on_object(xy: np.ndarray, mask: np.ndarray) -> np.ndarray:
         height, width = mask.shape
-        near = cv2.dilate(mask.astype(np.uint8), np.ones((5, 5), np.uint8))
+        near = widened(mask, 2)
         column, row = np.round(xy[:, 0]).astype(int), np.round(xy[:, 1]).astype(int)
         inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
-        return inside & (near[np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)] > 0)
+        return inside & near[np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)]

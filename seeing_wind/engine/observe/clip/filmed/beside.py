@@ -8,6 +8,7 @@ import numpy as np
 from ....masks import Masks
 from ....records import Doubt
 from ...mask.background import Plate
+from ...mask.cutting import opened
 from ...mask.motion import cut, window_of, within
 from ..stored import Frames, some_of
 
@@ -51,8 +52,7 @@ def _beside(frame: np.ndarray, mask: np.ndarray, plate: Plate) -> float:
     away_from = cv2.distanceTransform(1 - shape, cv2.DIST_L2, 5)
     rim = max(3.0, RIM * size)
     differs = (away > DIFFERS * plate.noise) & (light == 0) & cut(plate.reliable, window, cv2.BORDER_CONSTANT)
-    other = (differs & (away_from <= REACH * size) & (shape == 0)).astype(np.uint8)
-    other = cv2.morphologyEx(other, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
-    _, labels = cv2.connectedComponents(other, connectivity=8)
-    own = np.unique(labels[(away_from <= rim) & (other > 0)])
+    other = opened(differs & (away_from <= REACH * size) & (shape == 0))
+    _, labels = cv2.connectedComponents(other.astype(np.uint8), connectivity=8)
+    own = np.unique(labels[(away_from <= rim) & other])
     return float((np.isin(labels, own[own > 0]) & (away_from > rim)).sum() / mask.sum())

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import cache
 
-import cv2
 import numpy as np
 
 from ....progress import Progress
 from ....records import Doubt
 from ...clip.stored import Frames
 from ..background import Plate
+from ..cutting import opened
 from ..evidence import Contrast, against_plate
 from ..motion import Window, cut, paste, window_of, within
 from .later import moved_later
@@ -46,9 +46,8 @@ def moving_from(frames: Frames, inside: np.ndarray, plate: Plate, progress: Prog
     if not inside.any():
         return soon
     near = within(window_of(inside, NEARBY), inside)
-    boxed, behind = cut(inside, near), left(frames[0], plate, near) > 0.0
     # Grid lines and a codec's traces are narrow.
-    behind = cv2.morphologyEx(behind.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)) > 0
+    boxed, behind = cut(inside, near), opened(left(frames[0], plate, near) > 0.0)
     moves = (boxed & ((soon(near) > 0.0) | behind)).sum()
     if moves > RESTS * boxed.sum():
         return soon
@@ -63,13 +62,18 @@ def hardly_moves(frame: np.ndarray, inside: np.ndarray, plate: Plate, moving: Mo
     """Said where so little of the box `inside` (H, W) bool moves or is gone later that only colours tell the object in `frame`, frame 0."""
     near = within(window_of(inside, NEARBY), inside)
     boxed = cut(inside, near)
-    if (boxed & (moving(near) + left(frame, plate, near) > 0.0)).sum() > MOVES * boxed.sum():
+    if (boxed & (changes(frame, plate, moving, near) > 0.0)).sum() > MOVES * boxed.sum():
         return None
     return Doubt(
         1.0,
         "Next to nothing in the box is seen to move, so in the first frame only colours tell the object from what is behind it.",
         "Look at the outline, and mark it by --mask with a PNG if it is wrong, or take frames in which the object moves.",
     )
+
+
+def changes(frame: np.ndarray, plate: Plate, moving: Moving, window: Window) -> np.ndarray:
+    """Log odds (h, w) in `window` for what moves in `frame`, frame 0, or differs from the background there."""
+    return moving(window) + left(frame, plate, window)
 
 
 def left(frame: np.ndarray, plate: Plate, window: Window) -> np.ndarray:

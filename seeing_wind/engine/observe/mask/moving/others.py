@@ -8,10 +8,10 @@ import numpy as np
 
 from ..background import Plate
 from ..carried import Carried
-from ..cutting import enclosed, grown, hanging_on
+from ..cutting import enclosed, grown, hanging_on, narrowed, opened, widened
 from ..evidence import FEW, Colors
 from ..motion import Flow, Window, cut, joined, paste, placed, window_of, within
-from .in_box import NEARBY, Moving, left
+from .in_box import NEARBY, Moving, changes
 
 FAR = 8
 """Pixels outside a box that dense flow, a codec's traces and the rim of a thing that fills the box do not reach."""
@@ -48,7 +48,7 @@ class Other(Carried):
         super().__init__("other", other)
         self._beside = Carried("beside")
         around = window_of(mask, 24)
-        near = cv2.dilate(cut(mask, around).astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+        near = widened(cut(mask, around), 2)
         self._inside, self._outside, self._seen = frame[mask], cut(frame, around)[~near], np.zeros((0, 3), np.uint8)
         self.colors = self._learnt()
 
@@ -79,10 +79,9 @@ class Other(Carried):
             both = joined(self.window, where)
             part, (more, behind, own) = self.over(both), (placed(one, where, both) for one in (differs & unlike, background, found))
             self.set((part & ~behind | grown(part) & more & ~enclosed(own)) & ~own, both)
-        rest = (differs & ~whole).astype(np.uint8)
-        thick = max(THICK, int(LARGE * np.sqrt(np.count_nonzero(found)))) | 1  # OpenCV moves what it opens by an even number
-        core = cv2.morphologyEx(rest, cv2.MORPH_OPEN, np.ones((thick, thick), np.uint8)) > 0
-        self._beside.set(hanging_on(rest > 0, core), where)
+        rest = differs & ~whole
+        thick = max(THICK, int(LARGE * np.sqrt(np.count_nonzero(found)))) | 1
+        self._beside.set(hanging_on(rest, opened(rest, thick)), where)
 
     def state(self) -> dict[str, np.ndarray]:
         """See `Carried.state`."""
@@ -111,8 +110,8 @@ def beyond_box(frame: np.ndarray, mask: np.ndarray, inside: np.ndarray, plate: P
     if np.count_nonzero(mask) < FEW:
         return other
     near, moves = within(window_of(inside, NEARBY), frame), np.zeros_like(mask)
-    paste(moves, moving(near) + left(frame, plate, near) > 0.0, near)
-    border = inside & (cv2.erode(inside.astype(np.uint8), np.ones((5, 5), np.uint8)) == 0)
+    paste(moves, changes(frame, plate, moving, near) > 0.0, near)
+    border = inside & ~narrowed(inside, 2)
     reaching = border & moves & hanging_on(moves & inside, mask)
     if np.count_nonzero(reaching) < 2.0 * least:
         return other
@@ -120,13 +119,12 @@ def beyond_box(frame: np.ndarray, mask: np.ndarray, inside: np.ndarray, plate: P
     x0, y0, x1, y1 = window_of(inside, 0)
     window = within((x0 - (x1 - x0) // 2, y0 - (y1 - y0) // 2, x1 + (x1 - x0) // 2, y1 + (y1 - y0) // 2), frame)
     crop, boxed = cut(frame, window), cut(inside, window)
-    likely = moving(window) + left(frame, plate, window) > 0.0
+    likely = changes(frame, plate, moving, window) > 0.0
     out = _leading_away(likely & ~boxed, boxed, cut(reaching, window), least)
     if not out.any():
         return other
     odds = cv2.GaussianBlur(Colors(crop[out], crop[cut(mask, window)]).odds(crop), (0, 0), 1.5)
-    alike = cv2.morphologyEx((odds > COMMONER).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)) > 0
-    paste(other, hanging_on(alike & likely & boxed, out), window)
+    paste(other, hanging_on(opened(odds > COMMONER) & likely & boxed, out), window)
     return other
 
 
@@ -136,8 +134,7 @@ def _leading_away(outside: np.ndarray, boxed: np.ndarray, reaching: np.ndarray, 
     off = cv2.distanceTransform((~boxed).astype(np.uint8), cv2.DIST_L2, 5)
     count, labels = cv2.connectedComponents(outside.astype(np.uint8), connectivity=4)
     far = np.bincount(labels[outside & (off > FAR)], minlength=count) > 0
-    at = cv2.dilate(reaching.astype(np.uint8), np.ones((7, 7), np.uint8)) > 0
-    crossing = np.bincount(labels[outside & (off <= 2.0) & at], minlength=count) / 2.0
+    crossing = np.bincount(labels[outside & (off <= 2.0) & widened(reaching, 3)], minlength=count) / 2.0
     found: np.ndarray = (far & (crossing > least))[labels] & outside
     beside = ~boxed & (off <= 1.0)
     return found & ((found & beside).sum() <= AROUND * beside.sum())
