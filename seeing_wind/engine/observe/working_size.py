@@ -17,7 +17,7 @@ from ..masks import Masks
 from ..records import Camera, Observation
 from ..settings import ObserveSettings
 from .clip.camera import read_camera, resized
-from .clip.depth import read_depth
+from .clip.depth import filled, read_depth
 from .clip.frames import Clip
 from .clip.images import write_png
 from .clip.lens import Lens
@@ -122,7 +122,7 @@ class WorkingSize:
         same = (cv2.absdiff(seen.background, seen.image).max(axis=2) < ALIKE) & ~grown(seen.masks[0])
         background[self._larger(same)] = image[self._larger(same)]
         mask = self._larger(seen.masks[0])
-        depth = cv2.resize(_filled(seen.depth), size, interpolation=cv2.INTER_LINEAR)
+        depth = cv2.resize(filled(seen.depth, np.isfinite(seen.depth)), size, interpolation=cv2.INTER_LINEAR)
         return replace(
             seen,
             camera=camera,
@@ -138,14 +138,3 @@ class WorkingSize:
 
     def _larger(self, mask: np.ndarray) -> np.ndarray:
         return cv2.resize(mask.astype(np.uint8) * np.uint8(255), self.file[::-1], interpolation=cv2.INTER_LINEAR) >= 128
-
-
-def _filled(depth: np.ndarray) -> np.ndarray:
-    """Depth (H, W) with its unknown pixels taking the nearest known one, so that it can be interpolated."""
-    unknown = ~np.isfinite(depth)
-    if not unknown.any():
-        return depth
-    from scipy.ndimage import distance_transform_edt
-
-    rows, columns = distance_transform_edt(unknown, return_distances=False, return_indices=True)
-    return depth[rows, columns]

@@ -71,16 +71,21 @@ def object_depth(depth: np.ndarray | None, name: str, mask: np.ndarray, distance
         )
     if part < 0.98:
         progress.warn(f"{100 * (1 - part):.0f} % of the object's pixels have no depth in {name}; they take the nearest known one.")
-    from scipy.ndimage import distance_transform_edt  # slow to import, and most clips have no map
-
     # Only depths on the object itself may fill its rim: the nearest pixel outside could belong to the wall behind it.
-    rows, columns = distance_transform_edt(~(known & mask), return_distances=False, return_indices=True)
-    filled = np.where(mask, depth[rows, columns], np.float32(np.inf)).astype(np.float32)
+    whole = np.where(mask, filled(depth, known & mask), np.float32(np.inf)).astype(np.float32)
     beside = mask[:, 1:] & mask[:, :-1]
-    steps = np.abs(filled[:, 1:][beside] - filled[:, :-1][beside])
-    if steps.size and np.median(steps) > ROUGHEST * np.median(filled[mask]):
+    steps = np.abs(whole[:, 1:][beside] - whole[:, :-1][beside])
+    if steps.size and np.median(steps) > ROUGHEST * np.median(whole[mask]):
         raise UsageError(
             f"{name} gives depths that differ by {in_units(np.median(steps), 'm', 2)} from pixel to pixel: no surface looks like that.",
             "Check the file: metres along the view axis, one per pixel of the first frame.",
         )
-    return filled
+    return whole
+
+
+def filled(image: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """`image` (H, W) with the value of the nearest pixel that is `known` (H, W) bool where it is not."""
+    from scipy.ndimage import distance_transform_edt  # slow to import, and most clips have no map
+
+    rows, columns = distance_transform_edt(~known, return_distances=False, return_indices=True)
+    return image[rows, columns]

@@ -23,7 +23,7 @@ SURE = 4.0
 """Log odds that the background alone can give: a silhouette far away or a box still outweighs them."""
 
 SMALL = 400
-"""Pixels below which an object has too few colours and too small an inside for flow and GrabCut."""
+"""Pixels below which most of an object is rim."""
 
 FEW = 900
 """Pixels below which an object has too few colours to be told by them from another thing."""

@@ -11,7 +11,7 @@ from ...progress import Progress
 from .background import Plate
 from .carried import Carried
 from .cutting import LEAST_PIXELS, hanging_on, opened, tidy
-from .evidence import SMALL, Contrast, against_plate, against_shape, cut_out, weighed
+from .evidence import Contrast, against_plate, against_shape, cut_out, weighed
 from .motion import Flow, FlowSolver, Window, band_of, body_shift, cut, median_of, middle_of, paste, placed, shifted, window_of, within
 from .moving.others import Other
 from .moving.panned import PannedPlate
@@ -55,8 +55,7 @@ class Surroundings:
 class MaskFollower:
     """Follows one object, as a `through.Follower`: whole-body search, flow, then all evidence round the carried silhouette.
 
-    The background tells pixels that did not change (never object, away from its inside) and gives a small object, of too few pixels for
-    colours, its silhouette. Where the camera moves, it is what was seen beside the object so far, see `moving.panned`.
+    Where the camera moves, the background is what was seen beside the object so far, see `moving.panned`.
 
     Attributes:
         flow: motion from the frame before to the newest one; None after `hidden`.
@@ -101,7 +100,7 @@ class MaskFollower:
         wide = (window[0] - margin, window[1] - margin, window[2] + margin, window[3] + margin)
         self.flow = None if self.hidden else self._solver.between(self._gray, gray, wide, shift)
         self._progress.check()
-        motion = self._motion(shift)
+        motion = self._motion()
         self._whole.shift(motion)
         self._other.move(frame, self.flow, motion, wide)
         carried, where = self._carry(shift, margin)
@@ -147,10 +146,10 @@ class MaskFollower:
             reach = max(reach, 1.5 * size) * (1 + min(self._missed, 4))
         return body_shift(self._template, self._shape.part, self._shape.window[:2], frame, self.velocity, min(reach, 200.0))
 
-    def _motion(self, shift: np.ndarray) -> np.ndarray:
+    def _motion(self) -> np.ndarray:
         """(2,) [px], of the whole object: what it lost or gained on a side moves its middle, too, but not its points."""
-        if self.flow is None or np.count_nonzero(self._shape.part) < SMALL:
-            return self.velocity if self.hidden else shift
+        if self.flow is None:
+            return self.velocity
         motion = np.ascontiguousarray(self.flow.of(self._shape.part, self._shape.window).T)
         return np.array([median_of(one) for one in motion])
 
@@ -158,7 +157,7 @@ class MaskFollower:
         """The last silhouette moved by the flow (or the shift), in a window round its new place."""
         x0, y0, x1, y1 = there = shifted(self._shape.window, *(int(value) for value in np.round(shift)))
         where = (x0 - margin, y0 - margin, x1 + margin, y1 + margin)
-        if self.flow is None or np.count_nonzero(self._shape.part) < SMALL:
+        if self.flow is None:
             return placed(self._shape.part, there, where), where
         moved = Carried("moved")
         moved.set(self._shape.part, self._shape.window)

@@ -9,7 +9,7 @@ from ....progress import Progress
 from ...clip.stored import Frames
 from ..background import SHADOW, largest
 from ..motion import Window
-from .soon import LEAST_MOTION, odds_of, shrunk
+from .soon import LEAST_MOTION, flow_and_back, odds_of, places, shrunk
 
 OFTEN = 0.3
 """Part of the frames in which most of the object is seen away from its place, in which a pixel has to be, too: what passes before a still
@@ -33,7 +33,7 @@ def moved_later(frames: Frames, window: Window, noise: float, progress: Progress
     size, scale, seen = shrunk(frames, window)
     first = seen(0)
     before = cv2.cvtColor(first, cv2.COLOR_RGB2GRAY)
-    grid = np.stack(np.meshgrid(*(np.arange(side, dtype=np.float32) for side in before.shape[::-1])), axis=-1)
+    grid = places(before)
     way, shown = np.zeros_like(grid), np.ones(before.shape, bool)
     moved, changed = np.zeros((2, *before.shape), np.int32)
     for t in range(1, len(frames)):
@@ -42,11 +42,13 @@ def moved_later(frames: Frames, window: Window, noise: float, progress: Progress
         still = unlike(now, first)
         changed += still > 6.0 * noise
         after = cv2.cvtColor(now, cv2.COLOR_RGB2GRAY)
-        step, astray = _step(before, after, grid)
+        step, back, missed = flow_and_back(before, after, grid)
+        long = np.sum(step**2 + back**2, axis=-1)
+        astray = (np.sum(missed**2, axis=-1) > RETURNS[0] * long + RETURNS[1]).astype(np.float32)
         shown &= cv2.remap(astray, grid + way, None, cv2.INTER_LINEAR, borderValue=1.0) < 0.5
         way += cv2.remap(step, grid + way, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         left = unlike(cv2.remap(now, grid + way, None, cv2.INTER_LINEAR), first)
-        far = cv2.magnitude(way[..., 0], way[..., 1]) > LEAST_MOTION * scale
+        far = cv2.magnitude(*cv2.split(way)) > LEAST_MOTION * scale
         moved += shown & far & (left < 0.5 * still) & (still > 6.0 * noise)
         before = after
     often = moved >= max(2.0, OFTEN * float(moved.max(initial=0)))
@@ -59,13 +61,3 @@ def unlike(crop: np.ndarray, first: np.ndarray) -> np.ndarray:
     both, own = (cv2.GaussianBlur(cv2.transform(one, np.ones((1, 3), np.float32)), (0, 0), LIGHT) for one in (now * then, now * now))
     gain = np.clip((both + 1.0) / (own + 1.0), *SHADOW)
     return largest(cv2.GaussianBlur(np.abs(gain[..., None] * now - then), (0, 0), 1.0))
-
-
-def _step(before: np.ndarray, after: np.ndarray, grid: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Flow (h, w, 2) [px] from one gray frame to the next, and 1 where the flow back does not return (h, w) float32, else 0."""
-    there, back = (
-        cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM).calc(*pair, None) for pair in ((before, after), (after, before))
-    )
-    returned = cv2.remap(back, grid + there, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    missed, long = np.sum((there + returned) ** 2, axis=-1), np.sum(there**2 + returned**2, axis=-1)
-    return there, (missed > RETURNS[0] * long + RETURNS[1]).astype(np.float32)

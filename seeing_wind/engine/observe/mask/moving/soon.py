@@ -37,28 +37,36 @@ def moving_odds(frames: Frames, window: Window, noise: float) -> np.ndarray:
     size, scale, seen = shrunk(frames, window)
     first = seen(0)
     gray = cv2.cvtColor(first, cv2.COLOR_RGB2GRAY)
-    y, x = np.mgrid[: gray.shape[0], : gray.shape[1]].astype(np.float32)
-
-    def flow(before: np.ndarray, after: np.ndarray) -> np.ndarray:
-        return cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM).calc(before, after, None)
+    grid = places(gray)
 
     def looked_at(crop: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """How far each pixel moves for certain (h, w) float32 [px], and whether it changes (h, w) bool."""
-        later = cv2.cvtColor(crop, cv2.COLOR_RGB2GRAY)
-        there, back = flow(gray, later), flow(later, gray)
-        at_x, at_y = x + there[..., 0], y + there[..., 1]
-        returns = cv2.remap(back, at_x, at_y, cv2.INTER_LINEAR) + there
-        still = largest(cv2.GaussianBlur(cv2.absdiff(crop, first).astype(np.float32), (0, 0), 1.0))
-        flown = cv2.remap(crop, at_x, at_y, cv2.INTER_LINEAR)
-        left = largest(cv2.GaussianBlur(cv2.absdiff(flown, first).astype(np.float32), (0, 0), 1.0))
-        sure = (cv2.magnitude(returns[..., 0], returns[..., 1]) < 1.0) & (left < still - 1.5 * noise) & (left < 8.0 * noise)
-        return np.where(sure, cv2.magnitude(there[..., 0], there[..., 1]), np.float32(0.0)), still > 6.0 * noise
+        there, _, missed = flow_and_back(gray, cv2.cvtColor(crop, cv2.COLOR_RGB2GRAY), grid)
+        flown = cv2.remap(crop, grid + there, None, cv2.INTER_LINEAR)
+        still, left = (largest(cv2.GaussianBlur(cv2.absdiff(one, first).astype(np.float32), (0, 0), 1.0)) for one in (crop, flown))
+        sure = (cv2.magnitude(*cv2.split(missed)) < 1.0) & (left < still - 1.5 * noise) & (left < 8.0 * noise)
+        return np.where(sure, cv2.magnitude(*cv2.split(there)), np.float32(0.0)), still > 6.0 * noise
 
     moved, changed = np.zeros(gray.shape, np.float32), np.zeros(gray.shape, np.int32)
     with ThreadPoolExecutor(CORES) as cores:
         for far, differs in cores.map(looked_at, (seen(t) for t in LATER if t < len(frames))):
             moved, changed = np.maximum(moved, far), changed + differs
     return odds_of(moved > LEAST_MOTION * scale, changed, size)
+
+
+def places(frame: np.ndarray) -> np.ndarray:
+    """The pixels (h, w, 2) float32 of `frame` (h, w, ...) as x, y."""
+    return np.stack(np.meshgrid(*(np.arange(side, dtype=np.float32) for side in frame.shape[1::-1])), axis=-1)
+
+
+def flow_and_back(before: np.ndarray, after: np.ndarray, grid: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Dense flow (Kroeger 2016) from one gray frame (h, w) uint8 to another, the flow back from where that leads, and by how much both
+    miss each other, (h, w, 2) float32 [px] each; `grid`: their `places`."""
+    there, back = (
+        cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM).calc(*pair, None) for pair in ((before, after), (after, before))
+    )
+    returned = cv2.remap(back, grid + there, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return there, returned, there + returned
 
 
 def shrunk(frames: Frames, window: Window) -> tuple[tuple[int, int], float, Callable[[int], np.ndarray]]:

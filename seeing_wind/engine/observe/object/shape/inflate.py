@@ -14,6 +14,8 @@ from scipy import ndimage
 from scipy.sparse import coo_array, diags_array
 from scipy.sparse.linalg import spsolve
 
+from ...clip.depth import filled
+
 SIDE = 160
 """Outlines larger than this [px] are inflated on every second pixel, every third and so on: the result is smooth."""
 LEAK = 2
@@ -79,8 +81,7 @@ def _finer(image: np.ndarray, mask: np.ndarray, step: int, shape: tuple[int, int
     """The image on every `step`-th pixel, interpolated on all pixels; off its mask that of the nearest pixel."""
     if step == 1:
         return image
-    rows, columns = ndimage.distance_transform_edt(~mask, return_distances=False, return_indices=True)
-    return ndimage.map_coordinates(image[rows, columns], np.indices(shape) / step, order=1, mode="nearest")
+    return ndimage.map_coordinates(filled(image, mask), np.indices(shape) / step, order=1, mode="nearest")
 
 
 def balls(mask: np.ndarray) -> Balls:

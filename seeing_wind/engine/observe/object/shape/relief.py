@@ -24,6 +24,7 @@ from ....conventions import in_units
 from ....errors import ObjectError
 from ....masks import pixels_of
 from ....records import Camera, Observation
+from ...clip.depth import filled
 from .block import Block, find_block
 from .inflate import LEAK, balls, inflate
 from .parts import Parts, parts_of
@@ -259,7 +260,7 @@ def _front(observation: Observation, mask: np.ndarray) -> tuple[np.ndarray, bool
             f"The depth map is empty on {100 - 100 * known.sum() / mask.sum():.0f} % of the object.",
             "Give a depth map in metres that covers the object, or --distance.",
         )
-    return depth[_nearest(known)], bool(np.ptp(depth[known]) <= 1e-6 * depth[known].max())
+    return filled(depth, known), bool(np.ptp(depth[known]) <= 1e-6 * depth[known].max())
 
 
 def _nearest(known: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
