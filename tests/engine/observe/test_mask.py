@@ -232,8 +232,7 @@ def tidied(mask: np.ndarray, near: np.ndarray | None) -> np.ndarray:
     areas = np.array([part.sum() for part in parts])
     keep = areas >= 0.1 * areas.max()
     if near is not None:
-        touching = np.array([(part & near).sum() for part in parts])
-        keep = touching > 0.25 * areas if (touching > 0.25 * areas).any() else touching > 0
+        keep = np.array([(part & near).any() for part in parts])
         if count > 1:
             keep &= areas >= SPECK * max(areas[keep], default=0)
     whole = np.any([part for part, kept in zip(parts, keep) if kept] or [np.zeros_like(mask)], axis=0)

@@ -62,8 +62,7 @@ def tidy(mask: np.ndarray, near: np.ndarray | None = None) -> np.ndarray:
     areas = np.bincount(labels.ravel(), minlength=count)[1:]
     keep = areas >= 0.1 * areas.max()
     if near is not None:
-        touching = np.bincount(labels[near & mask], minlength=count)[1:]
-        keep = touching > 0.25 * areas if (touching > 0.25 * areas).any() else touching > 0
+        keep = np.bincount(labels[near & mask], minlength=count)[1:] > 0
         keep &= areas >= SPECK * max(areas[keep], default=0)
     return _without_holes(np.concatenate([[False], keep])[labels])
 

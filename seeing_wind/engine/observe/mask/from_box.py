@@ -161,9 +161,8 @@ def refined(
     # What never changes may be a part of the object that is held: its colour can outweigh that, here alone.
     expected = against_shape(shape, band)
     expected = np.where(enclosed(shape), np.maximum(expected, 0.0), expected)
-    apart = cut(other, window, cv2.BORDER_CONSTANT) & ~(known & (odds < 0.0))
     # Both count half: the silhouette is a first guess, and dense flow runs on for some pixels into what lies beside a thing that moves.
-    odds = weighed(0.5 * expected, (odds, known), colors, apart, 0.5 * moving(window))
+    odds = weighed(0.5 * expected, (odds, known), colors, cut(other, window), 0.5 * moving(window))
     inside = cut(allowed, window, cv2.BORDER_CONSTANT)
     odds[~inside] = -2.0 * SURE
     found = tidy(cut_out(odds, crop, float(shape.sum())) & inside, shape)

@@ -112,15 +112,12 @@ def boxed_in(frame: np.ndarray, mask: np.ndarray, box: np.ndarray, plate: Plate)
     """
     if not mask.any() or (mask & ~box).any():
         return mask
-    window = window_of(mask, 8)
+    window = within(window_of(mask, 8), frame)
     smooth, shape = cv2.GaussianBlur(cut(frame, window), (0, 0), 1.0), cut(mask, window)
     count, labels = cv2.connectedComponents(opened(shape & ~core(smooth, shape)).astype(np.uint8), connectivity=4)
-    # Wider than the window by more than the blur that averages grain out looks.
-    near, unseen = within(window_of(mask, 2 * 8), frame), np.zeros_like(mask)
-    behind = Plate(cut(plate.color, near), cut(plate.reliable, near), plate.noise)
-    paste(unseen, ~(behind.reliable & (behind.difference(cut(frame, near)) < 3.0 * plate.noise)), near)
+    unseen = ~cut(plate.reliable, window) | (plate.compared(frame, window)[0] >= 3.0 * plate.noise)
     # Nearer to the box, a lens and a codec spread what touches its border.
-    border = widened(cut(unseen & ~widened(box, 2), window, cv2.BORDER_CONSTANT), 4)
+    border = widened(unseen & ~cut(widened(box, 2), window), 4)
     area, cuts = np.bincount(labels.ravel(), minlength=count), np.bincount(labels[border], minlength=count) / 2.0
     gone = cuts > CUT * np.sqrt(area)
     gone[0] = False
