@@ -59,11 +59,6 @@ class Plate:
         """`color` without its grain, blurred once for all frames that are compared with it."""
         return cv2.GaussianBlur(self.color, (0, 0), 1.0)
 
-    def difference(self, frame: np.ndarray) -> np.ndarray:
-        """(H, W) float32: largest channel difference to the plate, blurred over a pixel against noise; 0 where unreliable."""
-        away = cv2.absdiff(frame, self.color).astype(np.float32)
-        return np.where(self.reliable, largest(_grainless(away)), np.float32(0.0))
-
     def compared(self, frame: np.ndarray, window: Window) -> tuple[np.ndarray, np.ndarray]:
         """How `frame` (H, W, 3) differs from the background in `window`, also where that is not reliable, grain averaged out first.
 
@@ -85,10 +80,6 @@ class Plate:
         alike &= cv2.absdiff(middle, cv2.GaussianBlur(middle, (0, 0), 3.0)) < np.float32(SHADOW_SOFT) + grain
         alike &= cut(self.reliable, window, cv2.BORDER_CONSTANT) & (middle > SHADOW[0]) & (middle < SHADOW[1])
         return away, alike.view(np.int8) - np.int8(2) * (alike & (middle < 1.0)).view(np.int8)
-
-    def relit(self, frame: np.ndarray, window: Window) -> np.ndarray:
-        """(h, w) bool in `window`: a shadow came or went there."""
-        return self.compared(frame, window)[1] != 0
 
 
 def largest(frame: np.ndarray) -> np.ndarray:

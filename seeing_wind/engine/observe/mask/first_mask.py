@@ -122,7 +122,8 @@ def _changed_at(frame: np.ndarray, seeds: np.ndarray, points: np.ndarray, plate:
     """The moving things under the points, cut along their edges; None where a point is on nothing that moves."""
     if plate is None:
         return None
-    changed = (plate.difference(frame) > 6.0 * plate.noise) | ~plate.reliable
+    away, light = plate.compared(frame, (0, 0, frame.shape[1], frame.shape[0]))
+    changed = (away > 6.0 * plate.noise) | ~plate.reliable
     _, labels = cv2.connectedComponents(closed(changed, 5).astype(np.uint8))
     column, row = np.round(points).astype(int).T
     own = np.unique(labels[row, column])
@@ -130,9 +131,8 @@ def _changed_at(frame: np.ndarray, seeds: np.ndarray, points: np.ndarray, plate:
         return None
     # Part of it is the background that the object moves over, or a shadow that moves along: the colours tell.
     trimap = np.where(np.isin(labels, own), cv2.GC_PR_FGD, cv2.GC_BGD).astype(np.uint8)
-    relit = plate.relit(frame, (0, 0, frame.shape[1], frame.shape[0]))
-    if relit[seeds > 0].mean() < 0.5:
-        trimap[relit] = cv2.GC_BGD
+    if (light != 0)[seeds > 0].mean() < 0.5:
+        trimap[light != 0] = cv2.GC_BGD
     trimap[seeds > 0] = cv2.GC_FGD
     return tidy(grab_cut(frame, trimap, 5, progress), seeds > 0)
 
@@ -156,7 +156,8 @@ def _coloured_as(frame: np.ndarray, seeds: np.ndarray, points: np.ndarray, progr
 def _what_moves(frame: np.ndarray, plate: Plate | None) -> np.ndarray:
     if plate is None:
         raise ObjectError("No object was marked, and the camera moves, so nothing says what it is.", NEITHER)
-    changed = opened(closed(plate.difference(frame) > 6.0 * plate.noise + 6.0, 5))
+    away, _ = plate.compared(frame, (0, 0, frame.shape[1], frame.shape[0]))
+    changed = opened(closed((away > 6.0 * plate.noise + 6.0) & plate.reliable, 5))
     count, labels, stats, _ = cv2.connectedComponentsWithStats(changed.astype(np.uint8), connectivity=8)
     areas = stats[1:, cv2.CC_STAT_AREA]
     if count < 2 or areas.max() < LEAST_PIXELS:

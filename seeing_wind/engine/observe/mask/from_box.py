@@ -71,7 +71,7 @@ def _by_motion(frame: np.ndarray, inside: np.ndarray, plate: Plate, moving: Movi
         trimap[boxed & ~likely] = cv2.GC_PR_BGD
         # Of what changes, only a shadow is surely no object: where a path is short, the median shows the object itself. Blurred rims look
         # like shadows, but are narrow.
-        shadow = opened(plate.relit(frame, window) & (behind < -1.0))
+        shadow = opened((plate.compared(frame, window)[1] != 0) & (behind < -1.0))
         trimap[boxed & (behind < -1.0) & ((motion < 0.0) | shadow & (motion <= 0.0))] = cv2.GC_BGD
         # Where both agree, colours are not asked; gaps narrower than a codec's blocks are closed.
         trimap[boxed & closed(behind > 0.0, 9) & ~opened(behind < 0.0, 5) & (motion > 0.0)] = cv2.GC_FGD
