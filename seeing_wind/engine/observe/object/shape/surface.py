@@ -24,16 +24,16 @@ OUTLINE_BLUR = 0.7
 """Gaussian that takes the stairs off the mask's outline [px]."""
 
 
-def surface_of(relief: Relief, particles_x: np.ndarray, count: int = VERTICES) -> Surface:
+def surface_of(relief: Relief, particles_x: np.ndarray) -> Surface:
     """Mesh of the body in frame 0, normals outward, every edge shared by two triangles.
 
     Args:
-        particles_x: (N, 3) what the vertices ride on [m]; count: about how many vertices.
+        particles_x: (N, 3) what the vertices ride on [m].
 
     Raises:
         ObjectError: the silhouette is too thin to carry a triangle.
     """
-    step = max(MIN_STEP, float(np.sqrt(2.0 * relief.mask.sum() / count)))
+    step = max(MIN_STEP, float(np.sqrt(2.0 * relief.mask.sum() / VERTICES)))
     xy, triangles = silhouette_triangles(relief.mask, step)
     vertices = np.concatenate([relief.points(xy, 0.0), relief.points(xy, 1.0)])
     height, width = relief.mask.shape
