@@ -1,4 +1,4 @@
-"""The rim of a silhouette: what its box cuts through, where it is found again, and what the filter took off a small one."""
+"""What hangs on a silhouette and is not the object: its shadow, what its box cuts through, and what the filter took off a small one."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import pytest
 
 from seeing_wind.engine.observe.mask.background import Plate
 from seeing_wind.engine.observe.mask.evidence import Contrast, against_plate, cut_out
-from seeing_wind.engine.observe.mask.rim import boxed_in, core, cut_again, cut_back, halved
+from seeing_wind.engine.observe.mask.rim import boxed_in, core, cut_again, cut_back, halved, unshaded
 from seeing_wind.engine.progress import NoProgress
 
 SIZE = 120
@@ -30,6 +30,40 @@ def painted(thing: np.ndarray, color: tuple[float, float, float], light: np.ndar
     frame = np.tile(FLOOR, (SIZE, SIZE, 1)) * np.broadcast_to(light, (SIZE, SIZE))[..., None]
     frame = np.where(thing[..., None], np.array(color), frame)
     return np.round(cv2.GaussianBlur(frame, (0, 0), 0.8)).astype(np.uint8)
+
+
+def under(blur: float) -> tuple[np.ndarray, np.ndarray]:
+    """A shadow below the ball: the light that it leaves (SIZE, SIZE), and where that is missing (SIZE, SIZE) bool."""
+    shade = cv2.GaussianBlur(((((ROWS - 81) / 4) ** 2 + ((COLUMNS - 60) / 17) ** 2) < 1).astype(np.float64), (0, 0), blur)
+    return 1.0 - 0.6 * shade, (0.6 * shade > 0.05) & ~BALL
+
+
+def test_a_shadow_that_moves_along_is_left_out() -> None:
+    light, dark = under(3.0)
+    found = unshaded(painted(BALL, (230, 200, 60), light), BALL | dark, plate())
+    assert overlap(BALL | dark, BALL) < 0.87
+    assert overlap(found, BALL) > 0.91
+
+
+def test_a_dark_part_with_an_edge_as_sharp_as_the_object_s_is_no_shadow() -> None:
+    light, _ = under(0.5)
+    part = (light < 0.7) & ~BALL
+    whole = BALL | part
+    assert np.array_equal(unshaded(painted(BALL, (230, 200, 60), light), whole, plate()), whole)
+
+
+@pytest.mark.parametrize("color", [(60, 60, 60), (230, 200, 60)])
+def test_an_object_without_a_shadow_stays_as_it_is(color: tuple[float, float, float]) -> None:
+    assert np.array_equal(unshaded(painted(BALL, color), BALL, plate()), BALL)
+    nothing = np.zeros_like(BALL)
+    assert not unshaded(painted(BALL, color), nothing, plate()).any()
+
+
+def test_a_bright_part_that_fades_out_is_no_shadow() -> None:
+    light, dark = under(3.0)
+    whole = BALL | dark
+    dim = Plate(np.full((SIZE, SIZE, 3), 40, np.uint8), np.ones((SIZE, SIZE), bool), 2.0)
+    assert np.array_equal(unshaded(painted(BALL, (250, 240, 90), light), whole, dim), whole)
 
 
 def test_what_the_box_cuts_through_is_something_else() -> None:
@@ -62,7 +96,7 @@ def test_an_outline_that_was_carried_a_little_off_is_found_again() -> None:
     assert overlap(off, BALL) < 0.88
     assert overlap(cut_again(frame, off, NoProgress()), BALL) > 0.97
     nothing = np.zeros_like(BALL)
-    assert not cut_back(frame, nothing, NoProgress()).any()
+    assert not cut_back(frame, nothing, None, NoProgress()).any()
 
 
 @pytest.mark.parametrize(("apart", "grain", "half"), [(6.0, 8.0, 2), (6.0, 20.0, 4), (20.0, 20.0, 2)])
@@ -70,7 +104,7 @@ def test_a_stem_that_hardly_stands_out_keeps_its_length_below_a_thick_head(apart
     head, stem = np.hypot(ROWS - 35, COLUMNS - 60) < 26, (np.abs(COLUMNS - 60) < half) & (ROWS > 40)
     frame = np.tile(FLOOR, (SIZE, SIZE, 1)) - apart * stem[..., None] + np.random.default_rng(0).normal(0.0, grain, (SIZE, SIZE, 3))
     frame = np.clip(np.where(head[..., None], np.array([90.0, 40.0, 30.0]), frame), 0, 255).astype(np.uint8)
-    found = cut_back(frame, head | stem, NoProgress())
+    found = cut_back(frame, head | stem, None, NoProgress())
     assert found[:, 60][stem[:, 60]].all() and overlap(found, head | stem) > 0.9
 
 

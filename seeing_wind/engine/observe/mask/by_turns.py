@@ -66,7 +66,7 @@ def with_background(
     if colored is not None:
         mask, other = _again(frames[0], mask, behind, contrast, around, moving)
         still = changes(frames[0], plate, moving, within(window_of(around, NEARBY), mask)) < 0.0
-        mask = better_drawn(frames[0], cut_back(frames[0], mask, progress) & around, colored.result(), around, still)
+        mask = better_drawn(frames[0], cut_back(frames[0], mask, behind, progress) & around, colored.result(), around, still)
     return mask, Surroundings(behind, contrast, other)
 
 

@@ -70,7 +70,7 @@ class MaskFollower:
         """
         self._trim = trim
         self._progress = progress
-        self._behind, self._contrast = known.plate, known.contrast
+        self._still, self._behind, self._contrast = known.still, known.plate, known.contrast
         if known.plate is not None and known.contrast is None:
             self._contrast = Contrast(known.plate, [(frame, mask)])
         self._panned = PannedPlate(frame, mask, known.plate) if known.panned and known.plate is not None else None
@@ -116,7 +116,7 @@ class MaskFollower:
 
     def finished(self, frame: np.ndarray, mask: np.ndarray) -> np.ndarray:
         """See `through.Follower.finished`."""
-        return cut_back(frame, mask, self._progress) if self._trim else mask
+        return cut_back(frame, mask, self._still, self._progress) if self._trim else mask
 
     def state(self) -> dict[str, np.ndarray]:
         """See `through.Follower.state`."""

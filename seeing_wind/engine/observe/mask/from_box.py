@@ -56,7 +56,7 @@ def by_colors(frame: np.ndarray, inside: np.ndarray, progress: Progress) -> np.n
     boxed, mask = cut(inside, window), np.zeros(inside.shape, bool)
     found = grab_cut(cut(frame, window), np.where(boxed, cv2.GC_PR_FGD, cv2.GC_BGD).astype(np.uint8), 5, progress)
     paste(mask, tidy(found & boxed), window)
-    return cut_back(frame, mask, progress) & inside
+    return cut_back(frame, mask, None, progress) & inside
 
 
 def _by_motion(frame: np.ndarray, inside: np.ndarray, plate: Plate, moving: Moving, progress: Progress) -> np.ndarray:
@@ -162,7 +162,7 @@ def refined(
     expected = against_shape(shape, band)
     expected = np.where(enclosed(shape), np.maximum(expected, 0.0), expected)
     # Both count half: the silhouette is a first guess, and dense flow runs on for some pixels into what lies beside a thing that moves.
-    odds = weighed(0.5 * expected, (odds, known), colors, cut(other, window), 0.5 * moving(window))
+    odds = weighed(0.5 * expected, (odds, known), colors, cut(other, window) & ~(known & (odds < 0.0)), 0.5 * moving(window))
     inside = cut(allowed, window, cv2.BORDER_CONSTANT)
     odds[~inside] = -2.0 * SURE
     found = tidy(cut_out(odds, crop, float(shape.sum())) & inside, shape)

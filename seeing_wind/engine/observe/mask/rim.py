@@ -1,5 +1,9 @@
-"""The rim of a silhouette: found again by what is near it in the same frame, cut in the middle of its blur, and without what its box
-cuts through."""
+"""The rim of a silhouette: without the shadow that hangs on it and what its box cuts through, found again by what is near it in the same
+frame, and cut in the middle of its blur.
+
+A shadow that moves along with the thing that casts it differs from the background as the thing does. But it fades out over more pixels
+than the lens spreads an edge over, as no light comes from a point, and the thing's own edge is the sharper one.
+"""
 
 from __future__ import annotations
 
@@ -9,13 +13,32 @@ import numpy as np
 from ...progress import Progress
 from .background import Plate, largest
 from .cutting import grab_cut, narrowed, opened, tidy, widened
-from .motion import band_of, cut, paste, window_of, within
+from .motion import Window, band_of, cut, median_of, paste, window_of, within
 
 CORE = 0.3
 """Depth of a silhouette from which it is surely the object, in units of its largest."""
 
+SMALLEST = 9
+"""Pixels of a part below which its edges are too short to tell anything."""
+
+DARKER = 0.8
+"""Part of a shadow that is darker than the background in every channel, if the rest may be noise."""
+
+WEAKER = 0.8
+"""Contrast of a shadow's outer edge per pixel, in units of that of the edge between it and the object, at most."""
+
+SOFTER = 0.6
+"""How steeply a shadow's outer edge rises to its contrast, in units of how steeply the object's own edge does, at most."""
+
+STEEP = (0.15, 0.25)
+"""Part of its contrast that an edge gains per pixel: the least of a thing that may cast a shadow, and the usual where all of its rim is
+in doubt."""
+
 CUT = 0.75
 """Length of a box's border across a part, in units of the root of the part's area, from which the part goes on beyond it."""
+
+EDGE = 3
+"""Pixels over which an edge rises to its contrast."""
 
 BESIDE, INSIDE = 24, 0.6
 """Pixels beyond the band in which an outline is found again that show the surroundings' colours, and the part of the depth that the object
@@ -34,11 +57,15 @@ GRAIN = 7.0
 """Grey levels by which the two sides have to differ for a mixture to be told."""
 
 
-def cut_back(frame: np.ndarray, mask: np.ndarray, progress: Progress) -> np.ndarray:
-    """The outline `mask` (H, W) bool in `frame` (H, W, 3) uint8 as it is handed on: `cut_again` and `halved`."""
-    again = cut_again(frame, mask, progress) if mask.any() else mask
+def cut_back(frame: np.ndarray, mask: np.ndarray, plate: Plate | None, progress: Progress) -> np.ndarray:
+    """The outline `mask` (H, W) bool in `frame` (H, W, 3) uint8 as it is handed on: `unshaded` where the background is known, then
+    `cut_again` and `halved`."""
+    own = mask if plate is None else unshaded(frame, mask, plate)
+    if not own.any():
+        return own
+    again = cut_again(frame, own, progress)
     # Of something as thin as a thread, a smaller copy may show nothing.
-    return halved(frame, again) if again.any() else mask
+    return halved(frame, again) if again.any() else own
 
 
 def cut_again(frame: np.ndarray, mask: np.ndarray, progress: Progress) -> np.ndarray:
@@ -114,17 +141,61 @@ def boxed_in(frame: np.ndarray, mask: np.ndarray, box: np.ndarray, plate: Plate)
         return mask
     window = within(window_of(mask, 8), frame)
     smooth, shape = cv2.GaussianBlur(cut(frame, window), (0, 0), 1.0), cut(mask, window)
-    count, labels = cv2.connectedComponents(opened(shape & ~core(smooth, shape)).astype(np.uint8), connectivity=4)
+    labels, area = _parts(shape & ~core(smooth, shape))
     unseen = ~cut(plate.reliable, window) | (plate.compared(frame, window)[0] >= 3.0 * plate.noise)
     # Nearer to the box, a lens and a codec spread what touches its border.
     border = widened(unseen & ~cut(widened(box, 2), window), 4)
-    area, cuts = np.bincount(labels.ravel(), minlength=count), np.bincount(labels[border], minlength=count) / 2.0
+    cuts = np.bincount(labels[border], minlength=len(area)) / 2.0
     gone = cuts > CUT * np.sqrt(area)
     gone[0] = False
-    if not gone.any():
+    return _without(mask, shape, gone[labels], window) if gone.any() else mask
+
+
+def unshaded(frame: np.ndarray, mask: np.ndarray, plate: Plate) -> np.ndarray:
+    """The outline `mask` (H, W) bool without the shadow that hangs on it.
+
+    Steepest edges between its core and what lies beside it are found by watershed (Meyer 1992). A part of it outside them is a shadow
+    if it is darker than the background, and ends in an edge that is weaker than that towards the core and softer than the rim elsewhere.
+    """
+    if not mask.any():
         return mask
+    window = window_of(mask, 2 * EDGE + 2)
+    smooth, behind = (cv2.GaussianBlur(one, (0, 0), 1.0) for one in (cut(frame, window), cut(plate.color, window)))
+    shape = cut(mask, window)
+    own = core(smooth, shape)
+    labels, area = _parts(shape & ~own)
+    dark = largest(cv2.bitwise_not(cv2.subtract(behind, smooth))) < 255.0 - 0.5 * plate.noise
+    doubtful = (np.bincount(labels[dark], minlength=len(area)) >= DARKER * area) & (area >= SMALLEST)
+    doubtful[0] = False
+    if not doubtful.any():
+        return mask
+    away, slope = largest(cv2.absdiff(smooth, behind)).astype(np.float32), steepness(smooth)
+    contrast = cv2.dilate(away, np.ones((2 * EDGE + 1, 2 * EDGE + 1), np.uint8))
+    steep = slope / np.maximum(contrast, np.float32(4.0 * plate.noise))
+    inner, outer = rim_of(own), rim_of(shape)
+    usual = max(STEEP[0], median_of(steep[inner & outer])) if (inner & outer).any() else STEEP[1]
+    shade = np.zeros(len(area), bool)
+    for one in np.flatnonzero(doubtful):
+        x0, y0, wide, high = cv2.boundingRect((labels == one).astype(np.uint8))
+        part = np.s_[max(y0 - 2, 0) : y0 + high + 2, max(x0 - 2, 0) : x0 + wide + 2]
+        near = widened(labels[part] == one, 2)
+        begins, ends = near & (inner & ~outer)[part], near & (outer & ~inner)[part]
+        if begins.any() and ends.any():
+            weaker = median_of(slope[part][ends]) < WEAKER * median_of(slope[part][begins])
+            shade[one] = weaker and median_of(steep[part][ends]) < SOFTER * usual
+    return _without(mask, shape, shade[labels], window) if shade.any() else mask
+
+
+def _parts(rest: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Labels (h, w) of the parts of `rest` (h, w) bool that are no slivers, 0 elsewhere, and the pixels of each label."""
+    count, labels = cv2.connectedComponents(opened(rest).astype(np.uint8), connectivity=4)
+    return labels, np.bincount(labels.ravel(), minlength=count)
+
+
+def _without(mask: np.ndarray, shape: np.ndarray, gone: np.ndarray, window: Window) -> np.ndarray:
+    """`mask` (H, W) bool, which is `shape` (h, w) bool in `window`, without what is `gone` (h, w) bool and slivers beside that."""
     left = mask.copy()
-    paste(left, opened(shape & ~gone[labels]), window)
+    paste(left, opened(shape & ~gone), window)
     return left
 
 
