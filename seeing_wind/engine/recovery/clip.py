@@ -281,6 +281,9 @@ def _solved(solver: BlockSolver, frames: int) -> Kept:
     covariance = covariance_with(found.last.point.normal + replace(found.prior, stretch=None).precision(), found.joint)
     path, acceleration = found.trajectory, found.forward.acceleration(found.last.theta)[:frames]
     deviation = posterior_deviation(found.forward, covariance)[:frames]
+    points = all(isinstance(one, PointChannels) for one in solver.objective.channels)
+    if solver.start is not None and solver.particles.pinned.any() and points:
+        deviation *= PRIOR.later_optimism
     knot = knots_for_variance(found.prior.kernel, found.forward.basis, path.x, PACE.knot, PRIOR.between_knots)
     if found.forward.shape[1] == 1:
         deviation = np.hypot(deviation, unseen_variation(acceleration))

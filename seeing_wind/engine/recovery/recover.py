@@ -85,10 +85,8 @@ def recover(
         model = replace(model, gravity=moving.gravity(particles, model.gravity))
     still, said = _still(particles, sources, settings, plastic)
     notes += said
-    clip = Clip(
-        particles, model, objective, fps, settings, progress, journal, notes + model_notes, _stiffness(particles, model, settings, known),
-        still,
-    )  # fmt: skip
+    believed = _stiffness(particles, model, channels, settings, known)
+    clip = Clip(particles, model, objective, fps, settings, progress, journal, notes + model_notes, believed, still)
     views = len(sources) if isinstance(sources[0], TrackTargets) else 0
     kept = clip.solved()
     if clip.stiffness.known and clip.stiffness.s < 0.0:  # the notes told of a body as stiff as its material
@@ -133,10 +131,13 @@ def _still(
     return found, ringing_remarks(found)
 
 
-def _stiffness(particles: Particles, model: Model, settings: RecoverSettings, known: KnownBody | None) -> Stiffness:
+def _stiffness(
+    particles: Particles, model: Model, channels: Sequence[Channels], settings: RecoverSettings, known: KnownBody | None
+) -> Stiffness:
+    """What is believed of the stiffness before the clip is seen."""
     free = is_free(particles, settings)
     if known is None:
-        return Stiffness(free)
+        return Stiffness.unknown(free, all(isinstance(one, PointChannels) and len(one.points) == len(particles.x) for one in channels))
     if not particles.pinned.any():
         raise UsageError("--body is for a held body; this one is free.", "Leave it out, or mark what is held.")
     return known.stiffness_of(particles, model, free)

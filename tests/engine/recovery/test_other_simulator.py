@@ -42,3 +42,11 @@ def test_the_body_moves_as_the_other_simulator_moved_it(found):
         x, free = truth["x"].astype(np.float64), ~truth["fixed"]
     missed, moved = (np.linalg.norm(path[:, free], axis=-1) for path in (found.x - x, x - x[0]))
     assert missed[-1].mean() < 0.02 * moved[-1].mean()
+
+
+def test_the_stated_deviation_is_that_of_the_error(found):
+    """68 % of normally distributed errors lie within one deviation."""
+    with np.load(FILE, allow_pickle=False) as truth:
+        want, free = truth["acc"] * float(truth["rho"]), ~truth["fixed"]
+    within = (np.abs(found.force_density - want) < found.deviation)[:, free].mean()
+    assert 0.6 < within < 0.8  # found: 0.68

@@ -118,6 +118,19 @@ def test_what_a_held_body_does_along_its_curve_is_believed_unless_all_of_it_does
 
 
 
+def test_a_clamp_may_tilt_slowly_and_the_sections_with_it(post):
+    """The squared distance of sections that turn by 0.8 % of the swing, in the deviations assumed of the mismatch."""
+    body, time = replace(post, x=post.x @ TURN.T), np.arange(91)
+    channels = point_channels(body, points(body, bent(post, 1.5 * np.sin(time / 5.0))), False)
+    turned = 3 * int(np.flatnonzero(~channels.curve.lengthwise)[0])
+    size = np.sqrt(((channels.observed[:, 0] - channels.observed[0, 0]) ** 2).mean())
+    cost = {}
+    for how, shape in (("slow", time / 90.0), ("quick", np.sin(2.0 * time))):
+        shift = 0.008 * size * shape[1:]
+        cost[how] = shift @ np.linalg.solve(channels.covariance(turned)[1:, 1:], shift)
+    assert cost["slow"] < 4.0 < 40.0 < cost["quick"]
+
+
 def test_depth_that_is_seen_less_well_counts_less():
     """Along an axis askew to the world's, noise a hundred times that across; told by a covariance, the force across stays good."""
     body, rng = plate((8, 5, 3)), np.random.default_rng(1)

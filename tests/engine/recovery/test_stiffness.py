@@ -22,7 +22,7 @@ from seeing_wind.engine.recovery.solve import block as blocks
 from seeing_wind.engine.recovery.solve import stiffness
 from seeing_wind.engine.recovery.solve.constants import PACE
 from seeing_wind.engine.recovery.solve.section import section_shapes
-from seeing_wind.engine.recovery.solve.stiffness import is_free, scaled, stiffest, youngs_modulus
+from seeing_wind.engine.recovery.solve.stiffness import Stiffness, is_free, scaled, stiffest, youngs_modulus
 from seeing_wind.engine.settings import BodyEdit, Edit, RecoverSettings
 from tests.engine.mpm.bodies import retardation_of
 from tests.engine.recovery.bodies import FPS, RUBBER, WEIGHTLESS, blow, camera, every, plate, points, relative
@@ -208,6 +208,12 @@ def test_an_uneven_section_is_found_with_the_force():
     assert across < 0.15 * np.abs(RUBBER.density * wind[:, ~even.pinned, 0]).mean()
     given = recover(even, RUBBER, [points(even, x)], FPS, GIVEN, NoProgress())
     assert given.stiffness is None and across < 0.7 * np.abs(given.force_density[:, ~even.pinned, 1]).mean()
+
+
+def test_a_section_is_told_better_by_particles_that_were_seen_than_by_guessed_ones():
+    seen, guessed = (np.sqrt(np.diag(Stiffness.unknown(True, seen=each).covariance)) for each in (True, False))
+    np.testing.assert_array_equal(seen[:2], guessed[:2])
+    assert (seen[2:] <= 0.5 * guessed[2:]).all()
 
 
 def test_only_what_is_held_has_a_section():

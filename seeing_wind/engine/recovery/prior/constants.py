@@ -86,6 +86,16 @@ class PriorConstants:
         0.2, "1", "Standard deviation of a and b, sizes of the section's shapes.",
         "A square with one side 8 % longer than the other has an a of as much.",
     )  # fmt: skip
+    section_seen: float = constant(
+        0.05, "1", "The same of a body whose particles are the points that were followed: its section is not guessed.",
+        "Second moments of a thousand particles placed at random differ by as much; another simulator's posts that move by the true force "
+        "have 0.000 to 0.014, and one of eight 0.04.",
+    )  # fmt: skip
+    later_optimism: float = constant(
+        1.7, "1", "Errors of the force on a held body that points in 3D show, over its posterior's deviation, in all blocks but the first: "
+        "they take the state at their start for exact.",
+        "Development scenes, exact, 4 s: in the median of six posts 1.6; in their first blocks 1.1.",
+    )  # fmt: skip
     section_farthest: float = constant(
         2.0, "1", "Largest size of a shape of the section: beyond its corners, on leaves far off a stem, it says nothing.", "Geometry."
     )

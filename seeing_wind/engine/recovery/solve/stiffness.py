@@ -8,7 +8,7 @@ way to every swing: so that is found, too, and how the stiffness is spread over 
 J (n, m) their derivatives by the other unknowns theta, P the precision of theta's prior, and
 
     q = (s, d, a, b)    s = log(E / E given) ~ N(0, stiffness_spread²)      d ~ N(0, clamp_spread²), cells by which the clamp begins deeper
-                        a, b ~ N(0, section_spread²), sizes of the section's two shapes
+                        a, b ~ N(0, section_spread² or section_seen²), sizes of the section's two shapes
     C = dr/dq           (m, 4), differences through the simulator
     Q                   the precision of q's prior: diagonal, or what another clip of the same body left (`known_body`)
 
@@ -42,8 +42,10 @@ from .forward import Forward
 from .gauss_newton import Solution
 from .section import section_shapes
 
-WIDE = np.diag([PRIOR.stiffness_spread**2, PRIOR.clamp_spread**2, PRIOR.section_spread**2, PRIOR.section_spread**2])
-"""(4, 4) covariance of q before the clip is seen."""
+
+def wide(section: float = PRIOR.section_spread) -> np.ndarray:
+    """(4, 4) covariance of q before the clip is seen, with this standard deviation of a and b."""
+    return np.diag([PRIOR.stiffness_spread, PRIOR.clamp_spread, section, section]) ** 2
 
 
 @dataclass(frozen=True)
@@ -54,12 +56,18 @@ class Stiffness:
     """Still to be found; else they stay."""
     q: np.ndarray = field(default_factory=lambda: np.zeros(4))
     """(4,) s, d [grid cells], a and b."""
-    covariance: np.ndarray = field(default_factory=lambda: WIDE)
+    covariance: np.ndarray = field(default_factory=wide)
     """(4, 4) of q, by the fit itself."""
     expected: np.ndarray = field(default_factory=lambda: np.zeros(4))
     """(4,) mean of q's prior."""
-    precision: np.ndarray = field(default_factory=lambda: np.linalg.inv(WIDE))
+    precision: np.ndarray = field(default_factory=lambda: np.linalg.inv(wide()))
     """(4, 4) of q's prior."""
+
+    @staticmethod
+    def unknown(free: bool, seen: bool) -> Stiffness:
+        """What is known beforehand; `seen`: of a body whose particles are points that were followed."""
+        covariance = wide(PRIOR.section_seen if seen else PRIOR.section_spread)
+        return Stiffness(free, covariance=covariance, precision=np.linalg.inv(covariance))
 
     @staticmethod
     def of_another_clip(expected: np.ndarray, covariance: np.ndarray, free: bool) -> Stiffness:

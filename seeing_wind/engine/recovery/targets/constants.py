@@ -41,7 +41,17 @@ class NoiseConstants:
         0.1, "1", "`motion` along the body's own curve, in the motion along it. Nothing of the bending is seen there, so what moves along "
         "it is small, and tells the force along the body, which bending does not.", SCENES,
     )  # fmt: skip
-    drift_along: float = constant(0.005, "1", "`drift` along the curve, in all motion: a clamp gives way.", SCENES)
+    drift_whole: float = constant(
+        0.015, "1", "`drift` along the curve of mode 0, in the motion of the whole body: a clamp gives way.",
+        "Another simulator's posts that move by the true force: 0 to 0.024 in 4 s.",
+    )  # fmt: skip
+    drift_turned: float = constant(
+        0.008, "1", "`drift` of how the sections turn against the curve, in the same: a clamp tilts, and the sections with it.",
+        "The same posts: 0.001 to 0.012.",
+    )  # fmt: skip
+    along_whole: float = constant(
+        0.002, "1", "`along` of mode 0, in the same.", "The same posts, without what drifts and what is in step: 0.0012 to 0.0028.",
+    )  # fmt: skip
     stretch: float = constant(
         5e-4, "1", "Mismatch beside `along` of the stretch along the curve, of modes that vary along the body only but for mode 0, in the "
         "motion of the whole body.", "Another simulator's posts that move by the true force: 1 to 5 um of swings of 20 to 90 mm. With "

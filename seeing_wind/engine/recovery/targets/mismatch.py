@@ -40,10 +40,12 @@ def point_mismatch(particles: Particles, moved: np.ndarray, plastic: bool, lengt
         size, whole = _sizes(moved, parts), _sizes(moved, [slice(0, 3)])
         motion, drift = NOISE.motion * size, NOISE.drift * whole
         if lengthwise is not None:
-            stretch = lengthwise & (np.arange(len(lengthwise)) > 0)  # mode 0 shows how the clamp gives way
-            white[stretch, 0] = np.hypot(NOISE.stretch_least * particles.spacing, NOISE.stretch * whole[0, 0])
-            motion[:, 0] = np.hypot(NOISE.along * size[:, 0], np.where(lengthwise, 0.0, NOISE.turned * whole[0, 0]))
-            drift[:, 0] = np.where(stretch, NOISE.drift_stretch, NOISE.drift_along) * whole[:, 0]
+            swing, turned = whole[0, 0], ~lengthwise
+            stretch = lengthwise & (np.arange(len(lengthwise)) > 0)
+            white[stretch, 0] = np.hypot(NOISE.stretch_least * particles.spacing, NOISE.stretch * swing)
+            motion[:, 0] = np.hypot(NOISE.along * size[:, 0], np.where(turned, NOISE.turned * swing, 0.0))
+            drift[:, 0] = np.where(turned, NOISE.drift_turned * swing, NOISE.drift_stretch * whole[:, 0])
+            motion[0, 0], drift[0, 0] = NOISE.along_whole * swing, NOISE.drift_whole * swing
         slow = np.hypot(white, motion)
         white = NOISE.motion_white * slow
         if len(moved) >= NOISE.swift:
