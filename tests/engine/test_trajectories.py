@@ -128,6 +128,16 @@ def test_a_particle_that_leaves_its_body_makes_the_field_useless(tmp_path: Path)
         assert not any("go up to" in note for note in read_trajectories(write(tmp_path / "t.npz", **values)).notes)
 
 
+def test_held_particles_that_move_together_or_within_their_errors_are_not_said_to_stand_still(tmp_path: Path) -> None:
+    fixed, time = LATTICE[:, 2] < 0.05, np.arange(30)[:, None, None]
+    carried = LATTICE + 0.2 * np.sin(0.3 * time) * [1.0, 0.0, 0.0]
+    noisy = LATTICE + np.where(time > 0, 0.015 * np.random.default_rng(1).standard_normal((30, 27, 3)), 0.0)
+    bent = carried + 5.0 * np.sin(0.3 * time) * (LATTICE[:, :1] * (0.2 - LATTICE[:, :1])) * [0.0, 1.0, 0.0]
+    for values, said in (({"x": carried}, ""), ({"x": noisy, "sigma": 0.015}, ""), ({"x": bent}, "against each other")):
+        notes = [note for note in read_trajectories(write(tmp_path / "t.npz", fixed=fixed, **values)).notes if "held" in note]
+        assert len(notes) == bool(said) and all(said in note for note in notes), notes
+
+
 def test_particles_that_are_held_and_travel_make_the_field_useless(tmp_path: Path) -> None:
     fixed = LATTICE[:, 2] < 0.05
     for way, useless in ((0.05, False), (0.5, True)):

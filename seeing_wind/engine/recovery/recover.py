@@ -25,7 +25,7 @@ from .diagnostics.remarks import BORNE, moving_clamp_remark, ringing_remarks
 from .solve.constants import PACE
 from .solve.known_body import KnownBody
 from .solve.stiffness import Stiffness, is_free, youngs_modulus
-from .targets.channels import views_of
+from .targets.channels import check_free, views_of
 from .targets.clamp_motion import clamp_motion
 from .targets.objective import Channels, Objective
 from .targets.points import PointChannels, point_channels
@@ -68,6 +68,7 @@ def recover(
     progress.update(0.0, "Preparing the body")
     plastic = material.law in ("von_mises", "viscoplastic")
     sources = views_of(targets)
+    check_free(particles.pinned, sources)
     moving = clamp_motion(particles, targets, fps) if isinstance(targets, PointTargets) else None
     if moving is not None:
         sources = [moving.in_clamp_frame(one) for one in sources if isinstance(one, PointTargets)]

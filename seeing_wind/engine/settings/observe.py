@@ -47,8 +47,8 @@ class ObserveSettings:
         "where the outline is wrong in the same way; given alone, it marks the object", metavar="PNG", group=SEEN, file=True, panel="main",
     )  # fmt: skip
     outline_frame: int = option(
-        0, label="Clip Frame", help="the frame that --outline shows, counted from 0 in the file", minimum=0, metavar="N", group=SEEN,
-        panel="main",
+        0, label="Clip Frame", help="the frame that --outline shows, counted from 0 in the file; the first one if not given", minimum=0,
+        metavar="N", group=SEEN, panel="main",
     )  # fmt: skip
     correct: tuple[float, ...] | None = option(
         None, help="points in any frame N, counted from 0 in the file: N+X,Y on the object, N-X,Y beside it; the "

@@ -295,13 +295,18 @@ def test_a_long_clip_is_solved_in_blocks_that_join():
     assert fractions == sorted(fractions)
 
 
-def test_points_seen_in_the_first_frame_only_and_a_body_of_one_particle():
+def test_points_seen_in_the_first_frame_only_or_on_the_clamp_only_and_a_body_of_one_particle():
     body = plate((4, 3, 2))
     fall = np.stack([body.x - [0.0, 0.0, 0.5 * 9.81 * (t / FPS) ** 2] for t in range(6)])
     hidden = points(body, fall)
     hidden.visible[1:] = False
     with pytest.raises(ObjectError, match="after the first frame"):
         recover(body, RUBBER, hidden, FPS, WEIGHTLESS, NoProgress())
+    clamped = plate((4, 3, 2), pinned=lambda X: X[:, 0] < X[:, 0].mean())
+    shown = points(clamped, np.repeat(clamped.x[None], 6, axis=0))
+    shown.visible[1:, ~clamped.pinned] = False
+    with pytest.raises(ObjectError, match="Only what is held is seen"):
+        recover(clamped, RUBBER, shown, FPS, WEIGHTLESS, NoProgress())
     grain = plate((1, 1, 1))
     found = recover(grain, RUBBER, points(grain, fall[:, :1] - fall[0, 0] + grain.x), FPS, WEIGHTLESS, NoProgress())
     acceleration = found.force_density[:, 0].mean(axis=0) / RUBBER.density

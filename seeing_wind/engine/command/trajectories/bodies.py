@@ -13,6 +13,8 @@ from ...conventions import in_units
 from ...errors import ObjectError, UsageError
 from ...records import Attachment, Material, Particles, PointTargets
 from ...recovery.diagnostics.remarks import DISTRUST
+from ...recovery.targets.channels import noise_of
+from ...recovery.targets.clamp_motion import clamp_motion
 from .file import gravity_of, motion_of, number_in, numbers_in, values_of
 from .material import material_of
 
@@ -20,6 +22,8 @@ FIXED_DEPTH = 0.5
 """Grid cells (`RecoverSettings.clamp_depth`) at first. A file's `fixed` is what hardly moved: that reaches some way above what is held."""
 HELD_WAY = 0.2
 """Particle spacings that held particles may move without a word."""
+HELD_ERRORS = 7.0
+"""Deviations that a place may be off another in one of many points and frames."""
 HELD_WILD = 3.0
 """Particle spacings from which those that move are not held at all."""
 FINEST = 1e-9
@@ -77,7 +81,7 @@ def read_trajectories(
     targets = PointTargets(np.where(visible[..., None], x, np.nan), visible, everyone, sigma, covariance)
     found, assumed = material_of(values, material, properties, path)
     down, missing = gravity_of(values, gravity, path)
-    notes = [*_few(x.shape[1]), *assumed, *missing, *notes, *_moving(targets.x[:, fixed], spacing), *_strays(targets.x, spacing)]
+    notes = [*_few(x.shape[1]), *assumed, *missing, *notes, *_moving(particles, targets, fps), *_strays(targets.x, spacing)]
     return Trajectories(particles, found, targets, fps, down, notes=tuple(notes))
 
 
@@ -122,12 +126,28 @@ def _is_covariance(matrices: np.ndarray) -> bool:
     return bool(symmetric.all() and (np.linalg.eigvalsh(matrices) >= -1e-6 * size[..., 0]).all())
 
 
-def _moving(x: np.ndarray, spacing: float) -> Iterator[str]:
-    """A note where held particles x (T+1, M, 3), NaN where not seen, move further than those do that are only near a clamp."""
-    way = float(np.nan_to_num(np.linalg.norm(x - x[0], axis=2)).max()) if x.size else 0.0
-    if way > HELD_WAY * spacing:
-        wild = f" {DISTRUST}: mark only what is held." if way > HELD_WILD * spacing else ""
-        yield f"Particles that `fixed` marks as held move by up to {in_units(way, 'm', 2)}; they are simulated standing still.{wild}"
+def _moving(particles: Particles, targets: PointTargets, fps: float) -> Iterator[str]:
+    """A note where held particles move further than those do that are only near a clamp: beyond their errors, and apart from a motion
+    that all of them share, which is taken for the clamp's own."""
+    if not particles.pinned.any():
+        return
+    clamp, spacing = clamp_motion(particles, targets, fps), particles.spacing
+    x = (targets if clamp is None else clamp.in_clamp_frame(targets)).x[:, particles.pinned]
+    way = float(np.nan_to_num(np.linalg.norm(x - x[0], axis=2)).max())
+    beyond = way - HELD_ERRORS * _error(targets, particles.pinned)
+    if beyond > HELD_WAY * spacing:
+        wild = f" {DISTRUST}: mark only what is held." if beyond > HELD_WILD * spacing else ""
+        how = "; they are simulated standing still." if clamp is None else " against each other; they are simulated as rigid."
+        yield f"Particles that `fixed` marks as held move by up to {in_units(way, 'm', 2)}{how}{wild}"
+
+
+def _error(targets: PointTargets, some: np.ndarray) -> float:
+    """Standard deviation [m] of the places of `some` (N,) bool points, as it was given or else as they scatter in time."""
+    if targets.sigma is not None:
+        return targets.sigma
+    if targets.covariance is not None:
+        return float(np.sqrt(np.trace(targets.covariance[some], axis1=1, axis2=2).max()))
+    return noise_of(targets.x[:, some]) if targets.visible[:, some].all() else 0.0
 
 
 def _strays(x: np.ndarray, spacing: float) -> Iterator[str]:

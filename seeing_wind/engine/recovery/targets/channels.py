@@ -62,6 +62,17 @@ def views_of(targets: PointTargets | Sequence[TrackTargets]) -> list[PointTarget
     return views
 
 
+def check_free(pinned: np.ndarray, views: Sequence[PointTargets | TrackTargets]) -> None:
+    """Refuse targets of which only those on held particles, pinned (N,) bool, are seen after the first frame."""
+    for one in views:
+        if one.visible[1:, one.attachment.matrix(len(pinned)) @ pinned <= NOISE.clamp_rides].any():
+            return
+    raise ObjectError(
+        "Only what is held is seen after the first frame: nothing shows how the rest moves.",
+        "Mark less as held, or show more of the object.",
+    )
+
+
 def check(values: np.ndarray, visible: np.ndarray, width: int, attachment: Attachment, particles: int) -> None:
     """Refuse targets that cannot be right, with the reason."""
     if visible.ndim != 2 or values.shape != (*visible.shape, width) or len(attachment.index) != visible.shape[1]:
