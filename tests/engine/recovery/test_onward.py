@@ -9,6 +9,7 @@ import pytest
 from seeing_wind.engine.errors import SimulationError
 from seeing_wind.engine.progress import NoProgress
 from seeing_wind.engine.records import Outcome, TrackTargets
+from seeing_wind.engine.recovery.prior.constants import PRIOR
 from seeing_wind.engine.recovery.recover import recover
 from seeing_wind.engine.recovery.solve import block as blocks
 from seeing_wind.engine.recovery.solve import onward
@@ -51,6 +52,18 @@ def filmed(body, x, noise=0.05):
     xy = np.stack([camera().project(one, t)[0] for t, one in enumerate(x)])
     xy[1:] += noise * np.random.default_rng(0).standard_normal(xy[1:].shape)
     return TrackTargets(xy, np.ones(xy.shape[:2], bool), np.full(xy.shape[:2], noise), camera(), every(body))
+
+
+def test_a_later_block_states_more_deviation_as_it_takes_its_start_for_exact(blown, followed, monkeypatch):
+    body, x, _ = blown
+
+    def stated():
+        return recover(body, RUBBER, [points(body, x)], FPS, GIVEN, NoProgress()).deviation[:, ~body.pinned]
+
+    more = stated()
+    monkeypatch.setattr(sys.modules["seeing_wind.engine.recovery.clip"], "PRIOR", replace(PRIOR, later_optimism=1.0))
+    posterior = stated()
+    assert (more[:8] == posterior[:8]).all() and (more[8:] > posterior[8:]).all()
 
 
 def test_a_held_body_is_followed_once_and_goes_on_with_the_force_so_far(blown, followed):

@@ -13,7 +13,6 @@ from ...conventions import in_units
 from ...errors import ObjectError, UsageError
 from ...records import Attachment, Material, Particles, PointTargets
 from ...recovery.diagnostics.remarks import DISTRUST
-from ...recovery.targets.channels import noise_of
 from ...recovery.targets.clamp_motion import clamp_motion
 from .file import gravity_of, motion_of, number_in, numbers_in, values_of
 from .material import material_of
@@ -134,20 +133,19 @@ def _moving(particles: Particles, targets: PointTargets, fps: float) -> Iterator
     clamp, spacing = clamp_motion(particles, targets, fps), particles.spacing
     x = (targets if clamp is None else clamp.in_clamp_frame(targets)).x[:, particles.pinned]
     way = float(np.nan_to_num(np.linalg.norm(x - x[0], axis=2)).max())
-    beyond = way - HELD_ERRORS * _error(targets, particles.pinned)
+    beyond = way - HELD_ERRORS * _stated(targets, particles.pinned)
     if beyond > HELD_WAY * spacing:
         wild = f" {DISTRUST}: mark only what is held." if beyond > HELD_WILD * spacing else ""
         how = "; they are simulated standing still." if clamp is None else " against each other; they are simulated as rigid."
         yield f"Particles that `fixed` marks as held move by up to {in_units(way, 'm', 2)}{how}{wild}"
 
 
-def _error(targets: PointTargets, some: np.ndarray) -> float:
-    """Standard deviation [m] of the places of `some` (N,) bool points, as it was given or else as they scatter in time."""
-    if targets.sigma is not None:
-        return targets.sigma
+def _stated(targets: PointTargets, some: np.ndarray) -> float:
+    """Standard deviation [m] of the places of `some` (N,) bool points as it was given, 0 where it was not: to measure it would take a
+    clamp that shakes for noise."""
     if targets.covariance is not None:
         return float(np.sqrt(np.trace(targets.covariance[some], axis1=1, axis2=2).max()))
-    return noise_of(targets.x[:, some]) if targets.visible[:, some].all() else 0.0
+    return targets.sigma or 0.0
 
 
 def _strays(x: np.ndarray, spacing: float) -> Iterator[str]:
