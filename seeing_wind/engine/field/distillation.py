@@ -111,6 +111,8 @@ def distill(
 def _best(make: Callable[[], NeuralModule], samples: Samples, iterations: int, progress: Progress, journal: Journal) -> NeuralModule:
     """A fitted module. Adam at its full rates now and then loses its way; then once more, more slowly, and the better of the two."""
     first = make()
+    if not samples.force.any():
+        return first  # which begins as none
     misfit = _fit(first, samples, iterations, 1.0, progress, journal)
     if misfit < ACCURATE:
         return first

@@ -137,7 +137,7 @@ class Clip:
                 if part and self.stiffness.known:  # it is one body through the whole clip, and the blocks so far were solved for another
                     kept = []
                     continue
-            if found.knot_spacing > PACE.knot and not part:
+            if found.knot_spacing > PACE.knot and not part and found.acceleration.any():
                 self.notes.append(f"The force has a knot every {found.knot_spacing:.0f} frames: faster gusts are smoothed.")
             kept.append(found)
         return kept

@@ -43,6 +43,15 @@ def test_a_blow_of_two_frames_is_kept_among_many_without_a_force():
     assert not any(message["type"] == "warning" for message in messages)
 
 
+def test_no_force_is_none_everywhere_and_not_fitted_for():
+    told: list[dict] = []
+    x = np.tile(np.random.default_rng(0).uniform(-0.1, 0.1, (60, 3)), (9, 1, 1))
+    for representation in ("causal_triplane", "kplanes", "point"):
+        field = distill(*recovery_of(np.zeros((8, 60, 3)), x, 30.0), FPS, representation, progress=Progress(told.append))
+        assert not field.sample(x[0] + 0.03, 4)[0].any()
+    assert not told
+
+
 def test_between_the_samples_it_is_close_to_the_true_field(tumbling, triplane, known_wind):
     recovery, _ = tumbling
     between = (recovery.x[:-1, :100] + recovery.x[:-1, 100:200]) / 2

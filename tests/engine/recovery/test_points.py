@@ -7,6 +7,7 @@ import pytest
 
 from seeing_wind.engine.errors import ObjectError, SeeingWindError, UsageError
 from seeing_wind.engine.progress import NoProgress
+from seeing_wind.engine.recovery.blocks import blocks
 from seeing_wind.engine.recovery.diagnostics.posterior import missed_acceleration
 from seeing_wind.engine.recovery.recover import recover
 from seeing_wind.engine.recovery.targets.points import point_channels
@@ -229,3 +230,15 @@ def test_a_body_that_stays_still_is_not_said_to_miss_its_points():
     still = STILL + 1e-16 * np.random.default_rng(0).normal(size=STILL.shape)
     notes = recover(BODY, RUBBER, points(BODY, still), FPS, WEIGHTLESS, NoProgress()).notes
     assert any("hardly moves" in note for note in notes) and not any("explains" in note for note in notes)
+
+
+def test_the_force_on_a_held_body_that_does_not_move_is_known_as_well_as_its_points_would_show_it():
+    """Not better: nothing in the clip says so. And nothing is looked for that is not there."""
+    body = plate((2, 2, 9), pinned=lambda X: X[:, 2] < -0.07)
+    found = recover(body, RUBBER, points(body, np.repeat(body.x[None], 41, axis=0)), FPS, WEIGHTLESS, NoProgress())
+    assert not found.force_density.any() and "hardly moves" in found.notes[0]
+    assert found.iterations <= len(blocks(40))
+    for t in (5, 35):
+        push = np.sqrt((found.deviation[t, ~body.pinned] ** 2).mean(axis=0)) / RUBBER.density
+        way = np.abs(blow(body, lambda X, t, push=push: np.zeros_like(X) + push, 12)[0] - body.x).max()
+        assert 1e-4 < way / body.spacing < 0.05

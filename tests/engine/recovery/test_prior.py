@@ -96,6 +96,15 @@ def test_a_clip_that_tells_nothing_leaves_the_sizes_as_they_were():
     assert maximise_evidence(blind, 1e-12 * np.eye(blind.count), np.zeros(blind.count)) is blind.kernel
 
 
+def test_a_clip_that_shows_no_force_leaves_room_for_one_that_its_noise_would_hide():
+    body = plate((8, 6, 2))
+    basis = spatial_basis(body.x, body.volume, 10)
+    prior = Prior(Kernel(np.eye(3)), Places.along(basis, still(body, 40), knots(40, 2.0)), np.zeros(0))
+    for noise in (0.01, 0.1):
+        learnt = maximise_evidence(prior, np.eye(prior.count) / noise**2, np.zeros(prior.count))
+        assert 0.05 < np.sqrt(np.trace(learnt.covariance) / 3.0) / noise < 1.0  # all knots together show less than one alone
+
+
 def test_a_squeeze_is_learnt_as_a_slope_and_not_as_a_huge_net_force():
     body = plate((7, 7, 7))
     basis = spatial_basis(body.x, body.volume, 10)

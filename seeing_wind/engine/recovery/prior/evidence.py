@@ -6,18 +6,21 @@ N(0, I + R K R'), so
     -2 log evidence = log |I + R K R'| + z' (I + R K R')^-1 z + constant
 
 (MacKay 1992, "Bayesian interpolation"; Rasmussen and Williams 2006, section 5.4.1). Weak hyperpriors
-keep the hyperparameters finite where the clip does not determine them.
+keep the hyperparameters finite where the clip does not determine them. The force's size has none, and of a body that does not move it
+would go to zero: it stops where the clip no longer tells it from zero (`_resolved`).
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from functools import cache
+from functools import cache, reduce
 from typing import Any
 
 import numpy as np
 import torch
+from scipy.linalg import eigh
+from scipy.optimize import brentq
 
 from ...field.optimisers import LBFGS
 from ...field.torch_threads import torch_threads
@@ -46,6 +49,9 @@ PARALLEL_FROM = 250
 """Number of data directions above which torch uses all cores; below, starting the threads costs more than it saves."""
 INFORMATIVE = 1e-4
 """Directions of the whitened data to which the prior gives less variance than this, relative to the noise, are left out."""
+UNTOLD = 1.0
+"""Nats of evidence that a force of the size learnt loses against none where a clip shows none, at least: a smaller one it could not tell
+from none, so it is no reason to say that the force is known better."""
 SMALLEST = 1e-12
 """Added to the diagonal of J'J, relative to its largest entry, as J'J is singular where the data do not separate unknowns."""
 
@@ -76,15 +82,17 @@ def maximise_evidence(
         [parameters], max_iter=ITERATIONS, history_size=8, line_search_fn="strong_wolfe", tolerance_change=PACE.evidence_tolerance
     )
 
+    def of_field(factor: torch.Tensor, sizes: tuple[torch.Tensor, ...]) -> torch.Tensor:
+        """(k, k) what the field adds to the covariance of z."""
+        correlation = prior.places.correlation(*sizes)
+        turned = (by_component @ (root @ factor)).unbind(dim=2)
+        return reduce(torch.add, (part @ correlation @ part.T for part in turned))
+
     def objective() -> torch.Tensor:
         """Penalty minus the logarithm of the evidence, with its derivative."""
         check()
         optimiser.zero_grad()
-        factor, sizes = _unpack(parameters)
-        correlation = prior.places.correlation(*sizes)
-        turned = (by_component @ (root @ factor)).unbind(dim=2)
-        field = sum(part @ correlation @ part.T for part in turned)
-        value = _penalty(parameters) - log_evidence(field + velocity, z)
+        value = _penalty(parameters) - log_evidence(of_field(*_unpack(parameters)) + velocity, z)
         value.backward()
         return value
 
@@ -92,9 +100,27 @@ def maximise_evidence(
         optimiser.step(objective)
     found = parameters.detach() if bool(torch.isfinite(parameters).all()) else begin
     factor, sizes = _unpack(found)
-    covariance = (root @ factor @ factor.T @ root.T).numpy()
+    covariance = _resolved(of_field(factor, sizes).numpy(), velocity.numpy()) * (root @ factor @ factor.T @ root.T).numpy()
     covariance += PRIOR.component_floor * np.trace(covariance) / np.trace(shape) * shape
     return Kernel(covariance, *(float(value) for value in sizes))
+
+
+def _resolved(field: np.ndarray, velocity: np.ndarray) -> float:
+    """Factor >= 1 on the variance of a field with which the clip tells it from none.
+
+    Args:
+        field, velocity: (k, k) what the field and the initial velocity add to the covariance of z, noise being 1.
+    """
+    shown = np.maximum(eigh(field, np.eye(len(field)) + velocity, eigvals_only=True), 0.0)
+    if not shown.any():
+        return 1.0
+
+    def short(log_factor: float) -> float:
+        return UNTOLD - 0.5 * float(np.log1p(math.exp(log_factor) * shown).sum())
+
+    # With this factor, the direction that shows most would do alone.
+    most = math.log(math.expm1(2.0 * UNTOLD) / shown.max())
+    return math.exp(brentq(short, 0.0, most)) if most > 0.0 and short(0.0) > 0.0 else 1.0
 
 
 def _informative_directions(prior: Prior, normal: np.ndarray, pull: np.ndarray) -> tuple[torch.Tensor, torch.Tensor]:

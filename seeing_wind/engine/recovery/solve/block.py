@@ -131,6 +131,8 @@ class BlockSolver(Solver):
 
         Returns forward model, prior, solution, and the Jacobians used.
         """
+        if first.cost < PACE.tolerance_per_unknown * len(first.theta):  # as of a body that stays still: no finer step could lower it as far
+            return replace(coarse, model=self._model()), prior, first, 0
         kernel = learn_kernel(prior, first.point.normal, first.pull, self.expected, self.progress.check, self.journal)
         path = coarse.trajectory(first.theta)
         self.objective = self.objective.reweighted(self.objective.residual(path.x[None])[0])

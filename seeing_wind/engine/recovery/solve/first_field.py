@@ -98,6 +98,9 @@ def follow(solver: Solver, pace: Pace, share: tuple[float, float]) -> FirstField
     parts = math.ceil(frames / pace.segment)
     ends = [round(frames * (part + 1) / parts) for part in range(parts)]
     early = solver.early_model()
+    unmoved = _unmoved(solver, pace)
+    if unmoved is not None:
+        return unmoved
     leader, found, used = solver.forward(affine, 1.0, frames, early), np.zeros((0, modes.phi.shape[1], 3)), 0
     forward, theta, velocity = solver.forward(modes, knot, frames, early), np.zeros(0), np.zeros(0)
     for part, end in enumerate(ends):
@@ -129,6 +132,29 @@ def follow(solver: Solver, pace: Pace, share: tuple[float, float]) -> FirstField
             theta, used = part_solved.theta, used + part_solved.iterations
             found, velocity = forward.per_frame(theta), theta[forward.size :]
     return FirstField(forward, prior, theta, used, objective.misfit(objective.whiten(objective.residual(path.x[None]))))
+
+
+def _unmoved(solver: Solver, pace: Pace) -> FirstField | None:
+    """No force on a body that is seen to stay where it is, and stays there without one; None of any other."""
+    place = solver.particles.x if solver.start is None else solver.start.x
+    forward = solver.forward(pace.modes(solver.basis), solver.knot(pace.knot), solver.objective.frames, solver.early_model())
+    theta = np.zeros(forward.size + len(forward.velocity))
+
+    def missed(path: np.ndarray) -> np.ndarray:
+        return solver.objective.whiten(solver.objective.residual(path[None]))[0]
+
+    def explained(path: np.ndarray) -> bool:
+        """To less than any step of a solve has to promise."""
+        return float((missed(path) ** 2).sum()) < PACE.tolerance_per_unknown * len(theta)
+
+    if not explained(np.broadcast_to(place, (solver.objective.frames + 1, *place.shape))):  # simulates nothing
+        return None
+    path = forward.trajectory(theta)
+    if not explained(path.x):
+        return None
+    kernel = Kernel(solver.expected.size**2 * solver.expected.component / 3.0, pace.length, pace.duration)
+    prior = prior_along(kernel, forward, path, solver.expected, solver.objective)
+    return FirstField(forward, prior, theta, 0, solver.objective.misfit(missed(path.x)))
 
 
 def strayed(solver: Solver, first: FirstField, found: Solution) -> float:

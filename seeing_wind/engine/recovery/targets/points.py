@@ -102,9 +102,16 @@ class PointChannels:
         return self  # wild points were left out at the start; the smooth modes of the others have no outliers
 
     def acceleration(self, x: np.ndarray, fps: float) -> float:
-        """Root mean square acceleration [m/s²] of what was observed, across the view; `x` (N, 3) is the rest state."""
+        """Root mean square acceleration [m/s²] of what was observed, and no less than errors would show of a body that stays still; `x`
+        (N, 3) is the rest state."""
         curvature = second_derivative(self.observed.reshape(len(self.used), -1), fps)
-        return float(np.sqrt(np.mean(np.sum(curvature**2, axis=1))))
+        return max(float(np.sqrt(np.mean(np.sum(curvature**2, axis=1)))), self._apparent_acceleration(fps))
+
+    def _apparent_acceleration(self, fps: float) -> float:
+        """Root mean square acceleration [m/s²] that errors of this covariance alone would show."""
+        rows = second_derivative(np.eye(len(self.used)), fps)
+        variance = [np.einsum("wt,tu,wu->w", rows, self.covariance(channel), rows, optimize=True).mean() for channel in range(self.count)]
+        return float(np.sqrt(np.sum(variance)))
 
     def speed(self, x: np.ndarray, fps: float) -> float:
         """Root mean square speed [m/s] of what was observed in the first frames, across the view."""
