@@ -12,6 +12,7 @@ import pytest
 from seeing_wind.engine.command.arguments import parser
 from seeing_wind.engine.command.trajectories.bodies import read_trajectories
 from seeing_wind.engine.command.trajectories.file import READ, TRUTH
+from seeing_wind.engine.command.trajectories.sheets import read_sheet
 from seeing_wind.engine.command.verbs import VERBS
 from seeing_wind.engine.errors import MaterialError, ObjectError, SeeingWindError, UsageError
 from seeing_wind.engine.field import distillation
@@ -102,6 +103,17 @@ def test_a_stiffness_is_stated_or_named(tmp_path: Path) -> None:
 
 def test_a_body_of_few_points_is_told_first(tmp_path: Path) -> None:
     assert "3 points" in read_trajectories(write(tmp_path / "t.npz", x=FALL[:, :3])).notes[0]
+
+
+@pytest.mark.parametrize(("unit", "asked"), [(1000.0, "200 m across: are its points in millimetres"), (1e-3, "0.2 mm across"), (1.0, "")])
+def test_a_body_of_a_size_that_nobody_films_is_asked_about(tmp_path: Path, unit: float, asked: str) -> None:
+    x = unit * (0.9 * LATTICE + 0.1 * FALL)
+    shell = {"faces": np.array([[0, 1, 3]]), "areal_density": 0.1, "thickness": 4e-4}
+    path = write(tmp_path / "t.npz", x=x)
+    for notes in (read_trajectories(path).notes, read_sheet(write(tmp_path / "s.npz", x=x, **shell))[2]):
+        assert (asked in notes[0]) if asked else not any("across" in note for note in notes)
+    alone = read_trajectories(write(tmp_path / "t.npz", x=x[:, :1])).notes
+    assert not any("across" in note for note in alone)
 
 
 def test_what_is_assumed_or_contradicts_itself_is_told(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from ...errors import ObjectError, UsageError
 from ...records import Attachment, Material, Particles, PointTargets
 from ...recovery.diagnostics.remarks import DISTRUST
 from ...recovery.targets.clamp_motion import clamp_motion
-from .file import gravity_of, motion_of, number_in, numbers_in, values_of
+from .file import gravity_of, motion_of, number_in, numbers_in, size_note, values_of
 from .material import material_of
 
 FIXED_DEPTH = 0.5
@@ -80,8 +80,9 @@ def read_trajectories(
     targets = PointTargets(np.where(visible[..., None], x, np.nan), visible, everyone, sigma, covariance)
     found, assumed = material_of(values, material, properties, path)
     down, missing = gravity_of(values, gravity, path)
-    notes = [*_few(x.shape[1]), *assumed, *missing, *notes, *_moving(particles, targets, fps), *_strays(targets.x, spacing)]
-    return Trajectories(particles, found, targets, fps, down, notes=tuple(notes))
+    told = [*size_note(x[0]), *_few(x.shape[1]), *assumed, *missing, *notes]
+    told += [*_moving(particles, targets, fps), *_strays(targets.x, spacing)]
+    return Trajectories(particles, found, targets, fps, down, notes=tuple(told))
 
 
 def _few(count: int) -> Iterator[str]:

@@ -15,6 +15,9 @@ from ...reading import array_names, read_arrays
 
 FASTEST = 1000.0
 """Speed [m/s] of most of a body's points that no wind gives: three times that of sound."""
+ACROSS = (5e-4, 50.0)
+"""Metres between which the longest side of what is filmed in the wind lies, so that another unit is asked about: from a seed's hair to the
+tallest trees but a few."""
 NUMBERS = {"density": "rho", "youngs_modulus": "E", "poisson_ratio": "nu"}
 """Properties of `Material` -> keys of the file."""
 STRONGEST = 1e4
@@ -111,6 +114,15 @@ def _check_places(x: np.ndarray, visible: np.ndarray, fps: float, path: str | os
             f"{in_figures(way[worst] * fps)} m/s.",
             "Check the unit of x (metres), fps, and that the points keep their order; cut the file where the body jumps.",
         )
+
+
+def size_note(x: np.ndarray) -> list[str]:
+    """What to ask of points x (N, 3) [m] whose size suggests another unit. Of one point alone nobody knows."""
+    size = float(np.ptp(x, axis=0).max())
+    if len(x) == 1 or ACROSS[0] <= size <= ACROSS[1]:
+        return []
+    other = "millimetres" if size > ACROSS[1] else "another unit"
+    return [f"The body is {in_units(size, 'm', 2)} across: are its points in {other}? They are taken as metres."]
 
 
 def gravity_of(

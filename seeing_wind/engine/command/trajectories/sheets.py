@@ -22,7 +22,7 @@ from ..arguments import properties_of, settings_of
 from ..inputs import inputs_of
 from ..lock import held
 from ..reporting import report_result
-from .file import SHEET_KEYS, gravity_of, motion_of, number_in, values_of
+from .file import SHEET_KEYS, gravity_of, motion_of, number_in, size_note, values_of
 
 if TYPE_CHECKING:
     from ...recovery.wind.sheet import SheetSeen
@@ -115,7 +115,7 @@ def read_sheet(
             raise UsageError(f"{path}: sigma is {sigma:g}.", "It must lie between 0 and what x reaches; without it, it is estimated.")
     sheet, assumed = _sheet(values, material, properties, path)
     down, missing = gravity_of(values, gravity, path)
-    return SheetSeen(x, faces, fixed, sheet, fps, sigma), down, [*assumed, *missing, *notes]
+    return SheetSeen(x, faces, fixed, sheet, fps, sigma), down, [*size_note(x[0]), *assumed, *missing, *notes]
 
 
 def _faces(value: np.ndarray, count: int, path: str | os.PathLike[str]) -> np.ndarray:
