@@ -13,10 +13,11 @@ from seeing_wind.engine.command.arguments import parser
 from seeing_wind.engine.command.trajectories.bodies import read_trajectories
 from seeing_wind.engine.command.trajectories.file import READ, TRUTH
 from seeing_wind.engine.command.trajectories.sheets import read_sheet
+from seeing_wind.engine.command.trajectories.spacing import particle_spacing
 from seeing_wind.engine.command.verbs import VERBS
 from seeing_wind.engine.errors import MaterialError, ObjectError, SeeingWindError, UsageError
 from seeing_wind.engine.field import distillation
-from seeing_wind.engine.materials import find
+from seeing_wind.engine.materials import LIMITS, find
 from seeing_wind.engine.progress import Progress
 from seeing_wind.engine.recovery.diagnostics.remarks import DISTRUST
 
@@ -148,6 +149,34 @@ def test_held_particles_that_move_together_or_within_their_errors_are_not_said_t
     for values, said in (({"x": carried}, ""), ({"x": noisy, "sigma": 0.015}, ""), ({"x": bent}, "against each other")):
         notes = [note for note in read_trajectories(write(tmp_path / "t.npz", fixed=fixed, **values)).notes if "held" in note]
         assert len(notes) == bool(said) and all(said in note for note in notes), notes
+
+
+def test_a_body_holds_together_where_its_particles_lie_closer_one_way_than_the_others() -> None:
+    def grid(x: int, y: int, z: int) -> np.ndarray:
+        return np.stack(np.meshgrid(*(np.arange(float(n)) for n in (x, y, z)), indexing="ij"), axis=-1).reshape(-1, 3)
+
+    wide = 0.012
+    assert particle_spacing(wide * grid(6, 6, 6)) == pytest.approx(wide)
+    for layers in (2, 12):
+        plate = grid(9, layers, 9) * [wide, 0.006 / (layers - 1), wide]
+        cell = LIMITS.cell_spacings * particle_spacing(plate)
+        assert wide < cell < 2.0 * wide
+        astray = np.concatenate([plate, plate[:1] + 1.0])  # one of many that lies apart changes nothing
+        assert particle_spacing(astray) == pytest.approx(particle_spacing(plate))
+
+
+def test_a_held_layer_of_points_does_not_show_its_thickness(tmp_path: Path) -> None:
+    y, z = (each.ravel() for each in np.meshgrid(np.arange(12.0), np.arange(10.0), indexing="ij"))
+    flat = 0.1 * np.stack([np.zeros(120), y, z], axis=1)
+    shell = 0.1 * np.stack([4.0 * np.cos(y / 4.0), 4.0 * np.sin(y / 4.0), z], axis=1)
+    double, near = (np.concatenate([flat, flat + [apart, 0.0, 0.0]]) for apart in (0.1, 0.05))
+
+    def said(x: np.ndarray, held: bool = True) -> bool:
+        path = write(tmp_path / "t.npz", x=np.repeat(x[None], 6, axis=0), fixed=held & (x[:, 2] < 0.05))
+        return any("in one layer" in note and "simulated 100 mm thick" in note for note in read_trajectories(path).notes)
+
+    assert said(flat) and said(shell) and said(flat[:10])
+    assert not said(double) and not said(near) and not said(LATTICE) and not said(flat, held=False)
 
 
 def test_particles_that_are_held_and_travel_make_the_field_useless(tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ from ...recovery.diagnostics.remarks import DISTRUST
 from ...recovery.targets.clamp_motion import clamp_motion
 from .file import gravity_of, motion_of, number_in, numbers_in, size_note, values_of
 from .material import material_of
+from .spacing import nearest, particle_spacing
 
 FIXED_DEPTH = 0.5
 """Grid cells (`RecoverSettings.clamp_depth`) at first. A file's `fixed` is what hardly moved: that reaches some way above what is held."""
@@ -29,6 +30,8 @@ FINEST = 1e-9
 """Metres: no position is more certain."""
 FEW = 8
 """Points below which a body has no shape to speak of."""
+LAYERS, ROUND = 1.5, 12
+"""Layers of particles below which a body has one; and neighbours of a particle among which they are counted, so that it may be curved."""
 STRAYS = 0.1
 """Share of a body's particles up to which those that leave it are taken for errors: more of them are a body that falls apart."""
 
@@ -81,7 +84,7 @@ def read_trajectories(
     found, assumed = material_of(values, material, properties, path)
     down, missing = gravity_of(values, gravity, path)
     told = [*size_note(x[0]), *_few(x.shape[1]), *assumed, *missing, *notes]
-    told += [*_moving(particles, targets, fps), *_strays(targets.x, spacing)]
+    told += [*_layer(particles), *_moving(particles, targets, fps), *_strays(targets.x, spacing)]
     return Trajectories(particles, found, targets, fps, down, notes=tuple(told))
 
 
@@ -89,6 +92,27 @@ def _few(count: int) -> Iterator[str]:
     """A note on a body of too few points."""
     if 1 < count < FEW:
         yield f"The body is {count} points: each is simulated as a lump of its own, and only their mean motion tells of a force."
+
+
+def _layer(particles: Particles) -> Iterator[str]:
+    """A note on a held body whose particles lie in one layer, or in a row: how thick it is they do not show."""
+    from scipy.spatial import cKDTree
+
+    x = particles.x
+    if len(x) < FEW or not particles.pinned.any():
+        return
+    apart = nearest(x)
+    near = x[cKDTree(x).query(x, k=min(ROUND + 1, len(x)))[1]]
+    across = near - near.mean(axis=1, keepdims=True)
+    variance = np.linalg.eigvalsh(np.einsum("nki,nkj->nij", across, across) / near.shape[1])[:, 0]
+    # n layers in equal distances have a variance of (n² - 1) / 12 of these squared.
+    if np.sqrt(12.0 * float(np.median(variance)) / apart**2 + 1.0) < LAYERS:
+        yield (
+            "The held body's points lie in one layer, which does not show how thick it is: it is simulated "
+            f"{in_units(particles.spacing, 'm', 2)} thick, as far as they are apart. A Young's modulus that fits the motion is one of such "
+            "a body, with an error that knows nothing of this: to bend alike, one half as thick has four times as much. Give several "
+            "layers or, of a thin sheet, faces and thickness."
+        )
 
 
 def _errors(
@@ -170,20 +194,3 @@ def _strays(x: np.ndarray, spacing: float) -> Iterator[str]:
             f"than the body's size ({in_units(size, 'm')}). {DISTRUST}: take them out of the file, or make them "
             "invisible there."
         )
-
-
-def particle_spacing(x: np.ndarray) -> float:
-    """Median distance of nearest neighbours [m] among particles x (N, 3).
-
-    Raises:
-        ObjectError: when most particles coincide.
-    """
-    from scipy.spatial import cKDTree
-
-    if len(x) == 1:
-        return 0.01
-    distance = cKDTree(x).query(x, k=2)[0][:, 1]
-    spacing = float(np.median(distance))
-    if spacing <= 1e-9 * max(1.0, float(np.abs(x).max())):
-        raise ObjectError("Most particles coincide with another.", "Give every particle a place of its own in the first frame.")
-    return spacing
