@@ -225,6 +225,37 @@ def test_samples_say_how_far_from_the_object_they_are(engine, tmp_path: Path) ->
         np.testing.assert_array_equal(found["wind_distance"], found["distance"])
 
 
+def test_a_field_that_fades_is_weaker_away_from_the_object_in_samples_and_exports(engine, tmp_path: Path) -> None:
+    x = np.random.default_rng(0).uniform(0.0, 0.1, (4, 50, 3))
+    box = np.array([[0.0] * 3, [1.0] * 3])
+    for name in ("field", "wind"):
+        field = ForceFieldPoint(box, 25.0, 4, x, 3.0 + x, ConfidenceMap(x, np.ones((4, 50)), 0.02))
+        field.kind = {"field": "force"}.get(name, name)
+        field.save(tmp_path / f"{name}.safetensors")
+    np.save(tmp_path / "p.npy", np.array([x[2, 7], [0.3, 0.3, 0.3], [0.9, 0.9, 0.9], [0.05, 0.05, -0.2]]))
+    found = {}
+    for out, fades in (("whole", []), ("faded", ["--fade", 0.6])):
+        engine("sample", tmp_path, "--points", tmp_path / "p.npy", "--frame", 2, "--out", tmp_path / f"{out}.npz", *fades, expect=0)
+        engine("export", tmp_path, "--format", "npz", "--out", tmp_path / f"{out}_box.npz", *fades, expect=0)
+        found[out] = [dict(np.load(tmp_path / f"{out}{of}.npz")) for of in ("", "_box")]
+
+    def left(distance):
+        t = np.clip(distance / 0.6, 0.0, 1.0)
+        return (1.0 - t * t * (3.0 - 2.0 * t))[..., None]
+
+    (whole, whole_box), (faded, faded_box) = found["whole"], found["faded"]
+    beside, away = left(np.array([0.0, 0.0, 0.0, 0.2])), field.away(np.clip(np.load(tmp_path / "p.npy"), *box), 2)[0]
+    for key in ("force_density", "wind_velocity"):
+        np.testing.assert_allclose(faded[key], whole[key] * left(away) * beside)
+        share = np.stack([left(field.away(whole_box["points"], t)[0]) for t in range(4)])
+        np.testing.assert_allclose(faded_box[key], whole_box[key] * share)
+        assert (share > 0.9).any() and (share < 0.1).any()
+    for key in ("confidence", "distance"):
+        np.testing.assert_array_equal(faded[key], whole[key])
+    said = engine("sample", tmp_path, "--points", tmp_path / "p.npy", "--frame", 2, "--out", tmp_path / "o.npz", "--fade", 0, expect=2)[-2]
+    assert "--fade" in said["message"] and "above 0" in said["message"]
+
+
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="Windows has no such pipes")
 def test_results_do_not_replace_what_is_no_file(engine, windy: Path, tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe.npz")

@@ -14,7 +14,7 @@ from typing import Any, NoReturn
 from .. import __version__
 from ..conventions import NO_GRAVITY
 from ..errors import UsageError
-from ..settings import BuildSettings, ObserveSettings, Option, RecoverSettings, ReportSettings, WindSettings, options_of
+from ..settings import BuildSettings, Edit, ObserveSettings, Option, RecoverSettings, ReportSettings, WindSettings, options_of
 from ..settings.build import MADE, may_be_sheet
 from ..settings.observe import NETWORKS, SEEN, VIEW
 from ..settings.recover import SOLVE
@@ -62,7 +62,7 @@ class Parser(argparse.ArgumentParser):
         """
         for one in options_of(cls).values():
             if one.name in (only or {one.name}) and one.name not in but and one.flag not in self._option_string_actions:
-                home = self.one_of(one.one_of, one.group) if one.one_of else self.titled(one.group)
+                home = self.one_of(one.one_of, one.group) if one.one_of else self.titled(one.group) if one.group else self
                 default, said = defaults.get(one.name, (one.default, ""))
                 home.add_argument(one.flag, **_keywords(one), default=default, help=one.summary(default, said).replace("%", "%%"))
 
@@ -94,6 +94,7 @@ def parser() -> Parser:
     sample.add_argument("--points", required=True, metavar="P.npy", help="(N,3) m for one frame, or (T,N,3) m, one row per frame")
     sample.add_argument("--frame", type=int, metavar="T", help="the frame for (N,3) points")
     sample.add_argument("--out", required=True, metavar="OUT.npz", help="gets force_density [N/m³], confidence and distance [m]")
+    sample.add_settings(Edit, only={"fade"})
     resimulate = verbs.add_parser("resimulate", help="insert, pin, scale and simulate in the recovered field", allow_abbrev=False)
     resimulate.add_argument("source", type=path, metavar="DIR", help="take of the recovered field")
     resimulate.add_argument("--edit", required=True, metavar="EDIT.toml", help="bodies and colliders, see below")
@@ -102,6 +103,7 @@ def parser() -> Parser:
     export.add_argument("take", type=path, metavar="DIR", help="take of the recovered field")
     export.add_argument("--format", required=True, choices=("vdb", "fga", "ply", "npz"), help="vdb only inside Blender")
     export.add_argument("--out", type=path, required=True, metavar="PATH", help="the file (npz) or the folder (ply, fga) to write")
+    export.add_settings(Edit, only={"fade"})
     joined = verbs.add_parser("join", help="one wind for the objects of several takes of a clip", allow_abbrev=False)
     joined.add_argument("takes", type=path, nargs="+", metavar="DIR", help="takes of two objects or more; each gets the wind of all")
     _identify(verbs.add_parser("identify", help="ask a vision-language model what is in the first frame", allow_abbrev=False))

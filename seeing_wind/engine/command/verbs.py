@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..errors import SeeingWindError, UsageError
 from ..progress import Progress
@@ -17,15 +17,18 @@ from .observe import observe
 from .recover import asked_model, recover, recover_trajectories
 from .resimulate import resimulate
 
+if TYPE_CHECKING:
+    from ..field import ForceField
+
 Result = dict[str, Any]
 
 
 def sample(arguments: argparse.Namespace, progress: Progress) -> Result:
-    """`sample DIR --points P.npy [--frame T] --out OUT.npz`."""
+    """`sample DIR --points P.npy [--frame T] [--fade M] --out OUT.npz`."""
     from ..field import distances, load_field, read_points, sample_points
     from ..recovery.wind.stage import read_wind
 
-    field = load_field(require_take(arguments.take).file("field.safetensors"))
+    field = _felt(load_field(require_take(arguments.take).file("field.safetensors")), arguments)
     out = Path(arguments.out)
     if not out.name:
         raise UsageError(f"'{arguments.out}' is no file's name.", "Give --out a path such as forces.npz.")
@@ -37,6 +40,7 @@ def sample(arguments: argparse.Namespace, progress: Progress) -> Result:
     arrays = {"force_density": force_density, "confidence": confidence, "distance": distances(field, points, frame)}
     wind = read_wind(Take(arguments.take))
     if wind is not None:
+        wind = _felt(wind, arguments)
         arrays["wind_velocity"], arrays["wind_confidence"] = sample_points(wind, points, frame, progress)
         arrays["wind_distance"] = distances(wind, points, frame)
     Take(out.parent).write_arrays(out.name, arrays)
@@ -44,20 +48,27 @@ def sample(arguments: argparse.Namespace, progress: Progress) -> Result:
 
 
 def export(arguments: argparse.Namespace, progress: Progress) -> Result:
-    """`export DIR --format npz|ply|fga|vdb --out PATH`."""
+    """`export DIR --format npz|ply|fga|vdb [--fade M] --out PATH`."""
     from ..field import load_field
     from ..field.sampling import export_field
     from ..recovery.wind.stage import read_wind
 
     take = require_take(arguments.take)
-    field, wind = load_field(take.file("field.safetensors")), read_wind(take)
+    field, wind = _felt(load_field(take.file("field.safetensors")), arguments), read_wind(take)
     out = Path(arguments.out)
     Take.refuse_result(out)
     if arguments.format == "npz" and out.name:
         Take.refuse_result(out.with_name(f"{out.name.removesuffix('.npz')}.npz"))  # as it is completed
     progress.begin("export", arguments.format)
-    files = export_field(field, arguments.format, Path(arguments.out), progress, wind=wind)
+    files = export_field(field, arguments.format, Path(arguments.out), progress, wind=None if wind is None else _felt(wind, arguments))
     return {"outcome": "converged", "files": [str(path) for path in files]}
+
+
+def _felt(field: ForceField, arguments: argparse.Namespace) -> ForceField:
+    """The field as it was recovered, or with --fade as a re-simulation and Blender's solvers feel it."""
+    from ..recovery.resimulate.in_field import Reach, WithinReach
+
+    return field if arguments.fade is None else WithinReach(field, Reach(arguments.fade))
 
 
 def identify(arguments: argparse.Namespace, progress: Progress) -> Result:

@@ -135,7 +135,7 @@ class Edit:
         help="NPY (T,4,4) of the field's place in every frame: matrices from its own coordinates (m) to the world's",
     )  # fmt: skip
     fade: float | None = option(
-        None, unit="m", above=0.0, panel="", otherwise="whole in its box, and beside it as at the box's edge",
+        None, unit="m", above=0.0, panel="", metavar="M", otherwise="whole in its box, and beside it as at the box's edge",
         help="how far from the clip's object, where that is in a frame, the field fades to nothing, and once more how far beside its box",
     )  # fmt: skip
     falloff: tuple[float, float] | None = option(

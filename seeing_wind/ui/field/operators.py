@@ -14,6 +14,7 @@ from ..job.install.environment import engine_python
 from ..job.panel_words import in_panel_words
 from ..job.worker_command import command, environment
 from ..property_kinds import PATH
+from ..scene_units import metres_per_unit
 from ..user_paths import absolute
 from .display import field_at_hand, frames_per_second, is_field, is_wind, openvdb_available, out_of_time, said_of_fit, said_of_pace
 
@@ -50,6 +51,17 @@ def chosen_field(context: bpy.types.Context, name: str) -> bpy.types.Object:
     if not fields:
         raise UsageError("There is no recovered field.", "Run Recover first, load the results of a take, or append a field.")
     return fields[0]
+
+
+def faded(scene: bpy.types.Scene, field: bpy.types.Object) -> list[str]:
+    """The option of `export` with which other programs get a field that fades as solvers feel it here, as the VDB files have it; of one
+    that does not fade, which is whole in its box, none."""
+    import numpy as np  # not above, see CONTRIBUTING.md
+
+    from .texture.reach import FADE, reach_of
+
+    reach = reach_of(field["seeing_wind_reach"], np.array([vertex.co[:] for vertex in field.data.vertices]))
+    return ["--fade", f"{reach.width * metres_per_unit(scene):.9g}"] if reach.kind == FADE else []
 
 
 def matter_of(given: Any) -> dict[str, Any]:
@@ -238,7 +250,7 @@ class SEEING_WIND_OT_export_field(DirectOperator, bpy.types.Operator):
         if self.format == "NPZ" and not target.suffix:
             target = target.with_suffix(f".{name}")
         os.makedirs(target.parent, exist_ok=True)
-        call = command(engine_python(), "export", str(take), "--format", name, "--out", str(target))
+        call = command(engine_python(), "export", str(take), "--format", name, "--out", str(target), *faded(scene, field))
         self._run(worker.run(call, cwd=str(take), env=environment()))
         return f"Exported {name.upper()} to {target}"
 

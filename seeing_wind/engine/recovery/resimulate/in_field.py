@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -155,6 +155,33 @@ def extrapolate(field: ForceField, points: np.ndarray, frame: int, reach: Reach 
     left, slope = reach.left(distance)
     outwards = away / np.maximum(distance, np.finfo(float).tiny)[:, None]
     return left[:, None] * force, left[:, None, None] * gradient + slope[:, None, None] * force[:, :, None] * outwards[:, None, :]
+
+
+class WithinReach(ForceField):
+    """What its reach leaves of a field, to be asked for values; the field alone is saved."""
+
+    def __init__(self, field: ForceField, reach: Reach) -> None:
+        super().__init__(field.box, field.fps, field.frames)
+        self.field, self.reach, self.kind = field, reach, field.kind
+
+    @classmethod
+    def from_file(cls, tensors: dict[str, np.ndarray], metadata: dict[str, str], box: np.ndarray, fps: float, frames: int) -> Self:
+        raise NotImplementedError
+
+    def _force(self, points: np.ndarray, frame: int) -> np.ndarray:
+        return extrapolate(self.field, points, frame, self.reach)[0]
+
+    def _gradient(self, points: np.ndarray, frame: int) -> np.ndarray:
+        return extrapolate(self.field, points, frame, self.reach)[1]
+
+    def _confidence(self, points: np.ndarray, frame: int) -> np.ndarray:
+        return self.field.sample(points, frame)[1]
+
+    def _away(self, points: np.ndarray, frame: int) -> tuple[np.ndarray, np.ndarray]:
+        return self.field.away(points, frame)
+
+    def _tensors(self) -> dict[str, np.ndarray]:
+        raise NotImplementedError
 
 
 def rotation_of(matrix: np.ndarray) -> np.ndarray:
