@@ -302,6 +302,13 @@ class PointTargets:
     """(K, 3, 3) [m²] of every point's errors, the same in all frames, in the place of `sigma`: depth is seen less well than place.
     Where neighbouring frames differ by more, which is noise that points share or a motion too fast to tell from it, that counts."""
 
+    @property
+    def stated(self) -> np.ndarray:
+        """(K,) variance [m²] of each point's place, its three coordinates together, as it was given; 0 where it was not."""
+        if self.covariance is not None:
+            return np.trace(self.covariance, axis1=1, axis2=2)
+        return np.full(self.visible.shape[1], 3.0 * (self.sigma or 0.0) ** 2)
+
 
 @dataclass(frozen=True)
 class TrackTargets:

@@ -239,7 +239,9 @@ class Clip:
         lost = astray(self.particles, self.objective.channels, x, residual)
         if lost and not views:
             raise ObjectError(lost, "Check the unit of the points, their order, fps and the material; cut the file where the body jumps.")
-        self.notes += wider_remarks(self.particles) + motion_remarks(self.particles, x, residual, views)
+        stated = [one.targets.stated for one in self.objective.channels if isinstance(one, PointChannels)]
+        errors = math.sqrt(float(np.mean(np.concatenate(stated)))) if stated else 0.0
+        self.notes += wider_remarks(self.particles) + motion_remarks(self.particles, x, residual, views, errors)
         self.notes += held_remarks(self.particles, self.objective.channels)
         self.notes += wild_remarks(self.objective.channels)
         self.notes += end_remarks(wild)

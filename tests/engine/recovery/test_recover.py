@@ -152,6 +152,17 @@ def test_a_body_that_stays_off_what_was_seen_is_not_to_be_trusted():
     assert "10 mm (median)" in notes[0] and distrusted(["else", *notes]) == notes
 
 
+def test_points_that_are_missed_by_their_stated_errors_alone_are_explained():
+    body = plate((4, 4, 3))
+    x, _ = blow(body, lambda X, t: np.zeros_like(X) + [3.0, 0.0, 0.0], 8)
+    x[1:] += 0.01 * np.random.default_rng(0).standard_normal(x[1:].shape)
+
+    def said(sigma):
+        return distrusted(recover(body, RUBBER, replace(points(body, x), sigma=sigma), FPS, WEIGHTLESS, NoProgress()).notes)
+
+    assert said(0.002) and not said(0.01)
+
+
 def test_tracks_that_are_missed_by_much_of_their_way_are_told():
     body = plate((20, 2, 20))  # 250 px across
 

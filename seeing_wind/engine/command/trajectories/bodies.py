@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ...conventions import in_units
-from ...errors import ObjectError, UsageError
+from ...errors import UsageError
 from ...records import Attachment, Material, Particles, PointTargets
 from ...recovery.diagnostics.remarks import DISTRUST
 from ...recovery.targets.clamp_motion import clamp_motion

@@ -9,7 +9,7 @@ from ...errors import ObjectError
 ALONE = 0.01
 """Metres, of a single particle."""
 EVEN = 1.25
-"""Times the distance of nearest neighbours that the links of an evenly filled body are long, at most: 1.24 in 30 files of another simulator."""
+"""Times the distance of nearest neighbours that links of an evenly filled body are long, at most: 1.24 in files of another simulator."""
 STRAYS = 0.02
 """Share of the links that may be longer: of particles that lie apart."""
 NEIGHBOURS = 24
@@ -17,8 +17,8 @@ NEIGHBOURS = 24
 
 
 def particle_spacing(x: np.ndarray) -> float:
-    """Distance of neighbours [m] among particles x (N, 3): that of nearest ones, or more where particles lie closer one way than the others,
-    as the two layers of a plate do. A body whose particles are more than a cell of the grid apart would fall to pieces.
+    """Distance of neighbours [m] among particles x (N, 3): that of nearest ones, or more where particles lie closer one way than the
+    others, as the two layers of a plate do. A body whose particles are more than a cell of the grid apart would fall to pieces.
 
     Raises:
         ObjectError: when most particles coincide.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -105,16 +106,19 @@ def _radius(x: np.ndarray) -> float:
     return float(np.linalg.norm(x - x.mean(axis=0), axis=1).max())
 
 
-def motion_remarks(particles: Particles, x: np.ndarray, residual: np.ndarray, views: int) -> list[str]:
-    """On a simulation x (T+1, N, 3) [m] that misses what was seen by residual (T+1,): [px] with views (how many), [m] without."""
+def motion_remarks(particles: Particles, x: np.ndarray, residual: np.ndarray, views: int, errors: float = 0.0) -> list[str]:
+    """On a simulation x (T+1, N, 3) [m] that misses what was seen by residual (T+1,): [px] with views (how many), [m] without.
+
+    `errors` [m] of points in 3D, root mean square distance, as they were stated: what is missed by so much is explained.
+    """
     notes = []
     moved = np.linalg.norm(x - x[0], axis=-1).max()
     shown = residual[1:][residual[1:] > 0.0]  # nothing was seen in the others
     far, peak = float(np.median(shown)) if len(shown) else 0.0, int(residual.argmax())
-    small = STILL * max(_radius(particles.x), particles.spacing)
-    if moved < small and (views or far < small):
+    small, off = STILL * max(_radius(particles.x), particles.spacing), math.sqrt(max(far**2 - errors**2, 0.0))
+    if moved < small and (views or off < small):
         notes.append(f"The body hardly moves ({in_units(moved, 'm', 2)}): the force is known only as the one that holds it still.")
-    elif not views and far > UNEXPLAINED * moved:
+    elif not views and off > UNEXPLAINED * moved:
         notes.append(
             f"The simulated body moves by {in_units(moved, 'm', 2)} and stays {in_units(far, 'm', 2)} (median) off the points: no force "
             f"that was found explains the motion. {DISTRUST}: check units, axes and the material."
