@@ -111,7 +111,9 @@ def _resolved(field: np.ndarray, velocity: np.ndarray) -> float:
     Args:
         field, velocity: (k, k) what the field and the initial velocity add to the covariance of z, noise being 1.
     """
-    shown = np.maximum(eigh(field, np.eye(len(field)) + velocity, eigvals_only=True), 0.0)
+    size, axes = eigh(velocity)  # the largest is far beyond the noise, so rounding may make the smallest negative
+    axes /= np.sqrt(1.0 + np.maximum(size, 0.0))
+    shown = np.maximum(eigh(axes.T @ field @ axes, eigvals_only=True), 0.0)
     if not shown.any():
         return 1.0
 
