@@ -40,7 +40,7 @@ from .solve.block import BlockSolver
 from .solve.constants import PACE
 from .solve.onward import Onward
 from .solve.section import section_axes
-from .solve.stiffness import Stiffness, covariance_with, remark, scaled, stiffer, youngs_modulus
+from .solve.stiffness import Stiffness, covariance_with, remark, stiffer, youngs_modulus
 from .targets.objective import Objective
 from .targets.points import PointChannels
 from .targets.tracks import TrackChannels
@@ -221,7 +221,7 @@ class Clip:
             section=self.stiffness.q[2:] if self.stiffness.known else None,
             section_axes=section_axes(self.particles) if self.stiffness.known else None,
             held_covariance=self.stiffness.covariance if self.stiffness.known else None,
-            substeps=scaled(self.model, self.stiffness.s).substeps,
+            substeps=self.stiffness.of(self.model, self.particles).substeps,
             wild=wild if wild.any() else None,
         )
 

@@ -249,6 +249,14 @@ def test_a_stiffer_body_keeps_its_ratio_and_gets_the_substeps_it_needs():
     assert scaled(model, stiffest(model)).substeps <= LIMITS.max_substeps_held + 1
 
 
+def test_the_substeps_carry_the_stiffest_side_of_an_uneven_section():
+    body = plate((3, 3, 9), pinned=lambda X: X[:, 2] < -0.07)
+    model, _ = model_for(body, RUBBER, FPS)
+    uneven = Stiffness(True, q=np.array([0.1, 0.0, 0.4, 0.0])).of(model, body)
+    alike, _ = model_for(body, replace(RUBBER, youngs_modulus=RUBBER.youngs_modulus * float((uneven.mu / model.mu).max())), FPS)
+    assert uneven.mu.max() > 1.2 * np.exp(0.1) * model.mu.max() and uneven.substeps >= alike.substeps
+
+
 def test_one_stiffness_for_all_blocks_of_a_clip(monkeypatch):
     stage = sys.modules["seeing_wind.engine.recovery.blocks"]
     monkeypatch.setattr(stage, "PACE", replace(PACE, block=10, overlap=4))

@@ -106,7 +106,7 @@ class Stiffness:
         """The model given with this stiffness, held where this says."""
         factor, model = self.spread(body), scaled(model, self.s)
         if factor is not None:
-            model = stiffer(model, factor)
+            model = carried(stiffer(model, factor), float(factor.max()))
         return with_clamp_depth(model, body, model.clamp_depth + self.deeper)
 
     def spread(self, body: Particles) -> np.ndarray | None:
@@ -132,7 +132,12 @@ def scaled(model: Model, s: float) -> Model:
     if s == 0.0:
         return model
     factor = math.exp(s)
-    return replace(stiffer(model, factor), substeps=math.ceil(model.substeps * max(1.0, math.sqrt(factor))))
+    return carried(stiffer(model, factor), factor)
+
+
+def carried(model: Model, factor: float) -> Model:
+    """The model with as many more substeps as the faster waves need of what is, at most, `factor` times as stiff."""
+    return replace(model, substeps=math.ceil(model.substeps * max(1.0, math.sqrt(factor))))
 
 
 def stiffer(model: Model, factor: float | np.ndarray) -> Model:
