@@ -32,6 +32,9 @@ BLOWS = "seeing_wind_blows"
 NODES = "seeing_wind_nodes"
 """Custom property of a field object: nodes of its lattice along x, y and z."""
 
+FELT = "seeing_wind_felt"
+"""Custom property of a collection that was made so that solvers feel one kind of field, see `solvers.apart`."""
+
 STRIDE = "seeing_wind_stride"
 """Custom property of a field object: scene frames that a clip frame lasts; 1 unless it was conformed to the scene's frame rate."""
 
@@ -173,6 +176,11 @@ def has_lost_field(obj: Any, scene: Any) -> bool:
 def is_field(obj: Any) -> bool:
     """Whether an object is a recovered field: of this scene's own Recover, appended, or linked."""
     return obj is not None and "seeing_wind_density" in obj and obj.field is not None and obj.field.type == "TEXTURE"
+
+
+def home_of(field: Any, scene: Any) -> Any:
+    """The collection in which what belongs to a field object has its place: of this file, and none that only says who feels it."""
+    return next((each for each in field.users_collection if each.library is None and FELT not in each), scene.collection)
 
 
 def field_at_hand(context: Any) -> Any:

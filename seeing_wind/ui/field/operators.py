@@ -82,9 +82,11 @@ class SEEING_WIND_OT_apply_to_field(DirectOperator, bpy.types.Operator):
     def act(self, context):
         """Needs neither the take nor the engine."""
         from .field_object import make_again  # needs NumPy
+        from .solvers.apart import keep_apart
 
         field, settings = chosen_field(context, self.field), context.scene.seeing_wind
         make_again(field, settings.field_reach, settings.field_kind)
+        keep_apart(context.scene)
         return f"{field.name}: {said_of_fit(field)}"
 
 
@@ -125,7 +127,7 @@ class SEEING_WIND_OT_calibrate(DirectOperator, bpy.types.Operator):
         description="Of cloth in a wind, in kilograms per square metre: cotton 0.12, silk 0.05, denim 0.4",
     )  # fmt: skip
     alone: BoolProperty(
-        name="Only This Wind", options={"SKIP_SAVE"}, description="Feel no force fields but those of the results' collection"
+        name="Only This Wind", options={"SKIP_SAVE"}, description="Feel no force fields but this one and what you put into its collection"
     )
     set_mass: BoolProperty(
         name="Set Mass", options={"SKIP_SAVE"},
@@ -134,9 +136,14 @@ class SEEING_WIND_OT_calibrate(DirectOperator, bpy.types.Operator):
 
     def act(self, context):
         """Every solver of the object; what one cannot do is part of the answer."""
+        from .solvers.apart import keep_apart
+
         field = chosen_field(context, self.field)
-        if self.every:
-            return self._all(context.scene, field)
+        said = self._all(context.scene, field) if self.every else self._chosen(context, field)
+        keep_apart(context.scene)  # others that were calibrated may have had no other kind of field beside theirs
+        return said
+
+    def _chosen(self, context, field):
         obj = context.scene.objects.get(self.object) if self.object else context.active_object
         if obj is None:
             raise UsageError(f"There is no object {self.object!r}." if self.object else "No object is active.", "Select one.")
@@ -149,7 +156,9 @@ class SEEING_WIND_OT_calibrate(DirectOperator, bpy.types.Operator):
 
         said = calibrate_object(scene, obj, field, **matter_of(self))
         kept = scene.seeing_wind.calibrations
-        entry = next((each for each in kept if each.object == obj), None) or kept.add()
+        number = next((number for number, each in enumerate(kept) if each.object == obj), None)
+        kept.add() if number is None else kept.move(number, len(kept) - 1)
+        entry = kept[-1]  # the last: the weight of all rigid bodies is its own
         entry.object, entry.field, entry.fps = obj, field, frames_per_second(scene)
         entry.said, entry.wind, entry.areal_density = "; ".join(said), is_wind(field), self.areal_density
         entry.density, entry.alone, entry.set_mass = self.density, self.alone, self.set_mass
@@ -157,6 +166,7 @@ class SEEING_WIND_OT_calibrate(DirectOperator, bpy.types.Operator):
 
     def _all(self, scene, field):
         """Every object on its own: one that cannot be set right does not keep the others from it."""
+        from .solvers.apart import said_of_others
         from .solvers.calibration import has_solver  # needs NumPy
 
         able, done, failed = [obj for obj in scene.objects if obj != field and has_solver(obj)], [], []
@@ -170,7 +180,8 @@ class SEEING_WIND_OT_calibrate(DirectOperator, bpy.types.Operator):
                 failed.append(f"{obj.name}: {error.message}")
         if not done:
             raise UsageError("; ".join(failed), "Calibrate them one by one.")
-        return "; ".join([f"Calibrated {', '.join(done)} for {field.name}", *failed])
+        others = dict.fromkeys(line for obj in able for line in said_of_others(scene, obj, field, self.alone))
+        return "; ".join([f"Calibrated {', '.join(done)} for {field.name}", *failed, *others])
 
 
 class SEEING_WIND_OT_calibrate_again(DirectOperator, bpy.types.Operator):

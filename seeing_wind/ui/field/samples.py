@@ -11,7 +11,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from .display import CARRIED, SAMPLES_MARK
+from .display import CARRIED, SAMPLES_MARK, home_of
 from .lattice import SampledField
 from .node_groups import GroupBuilder, points_of_current_frame, set_up_modifier
 from .texture.reach import CONTINUE, FADE, Reach, left_near
@@ -52,7 +52,7 @@ def create_samples(field: bpy.types.Object, sampled: SampledField, frame_start: 
     obj = bpy.data.objects.new(f"{field.name} Samples", mesh)
     obj[SAMPLES_MARK] = True
     obj.hide_render = obj.hide_viewport = obj.hide_select = True
-    field.users_collection[0].objects.link(obj)
+    home_of(field, bpy.context.scene).objects.link(obj)
     obj.parent = field
     group = GroupBuilder(f"{field.name} Samples")
     current = points_of_current_frame(group, forces.shape[1], len(forces), frame_start, delay, field)

@@ -22,6 +22,7 @@ from ..field.field_object import create_field_object
 from ..field.legend import create_legend
 from ..field.samples import samples_of
 from ..field.solvers import physics_nodes
+from ..field.solvers.apart import keep_apart
 from ..job import status, takes
 from ..job.panel_words import in_panel_words, in_scene_frames
 from ..job.take_reading import FieldSummary, Seen, WindTold, field_summary, read_seen, recovery_notes, wind_told
@@ -88,6 +89,7 @@ def build(scene: bpy.types.Scene, folder: Path, clip: str = "") -> bool:
     filled = seen is not None and fill(scene, take, path)
     _clear_the_view(scene)
     physics_nodes.follow(followers, settings.field_object)
+    keep_apart(scene)
     if settings.recovered_object is not None:
         _restore_groups(settings.recovered_object, groups)
     return filled

@@ -8,7 +8,7 @@ import numpy as np
 from ...scene_units import metres_per_unit
 from ..arrows import create_arrows
 from ..conform import set_stride
-from ..display import ARROWS, WIND, WITH_FIELD, stride_of
+from ..display import ARROWS, WIND, WITH_FIELD, home_of, stride_of
 from ..lattice import lattice
 from ..samples import read_samples, samples_of
 
@@ -31,7 +31,7 @@ def show_arrows(scene: bpy.types.Scene, field: bpy.types.Object) -> None:
     values, nodes = known.felt_as(WIND), lattice(known.box, ALONG)
     arrows = create_arrows(
         scene, f"{field.name} Arrows", (nodes @ place[:3, :3].T + place[:3, 3]) * unit, values.at(nodes) @ place[:3, :3].T * unit,
-        frame_start=int(field["seeing_wind_frame_start"]), parent=field, collection=field.users_collection[0], units="m/s",
+        frame_start=int(field["seeing_wind_frame_start"]), parent=field, collection=home_of(field, scene), units="m/s",
         distance=None if known.distance is None else known.distance_at(nodes) * unit,
     )  # fmt: skip
     arrows.hide_render, arrows[ARROWS], samples[WITH_FIELD] = True, True, True

@@ -19,6 +19,7 @@ from collections.abc import Callable, Iterator
 import bpy
 
 from ....engine.errors import UsageError
+from .apart import choose_effectors, said_of_others
 from .cloth import cloth
 from .matter import SHIRTING, Matter, matter
 from .particles import particles
@@ -42,7 +43,7 @@ def calibrate_object(
         obj: with a particle system, hair, cloth, rigid body, or (Blender 5.2) physics nodes.
         field: made by `create_field_object`.
         density: [kg/m³]; None takes that of the recovered material.
-        alone: feel no effector but those in the field object's collection.
+        alone: feel no effector but those in the field object's collection, or but the field where other fields are in that.
         set_mass: change a rigid body's mass where the one weight of its world was set for another body.
         areal_density: of cloth in a wind [kg/m²].
 
@@ -52,11 +53,12 @@ def calibrate_object(
     Raises:
         UsageError: when the object has no solver, or Blender takes no such weight.
     """
-    what = matter(scene, field, density, alone, areal_density)
+    what = matter(scene, field, density, areal_density)
     said = [line for solver in SOLVERS for line in solver(scene, obj, what, set_mass)]
     if not said:
         raise UsageError(f"{obj.name} has no physics.", "Add a particle system, cloth, a rigid body or physics nodes first.")
-    return said
+    choose_effectors(scene, obj, what.field, alone)
+    return [*said, *said_of_others(scene, obj, what.field, alone)]
 
 
 def has_solver(obj: bpy.types.Object) -> bool:

@@ -17,7 +17,7 @@ import bpy
 
 from ....engine.conventions import in_figures
 from ....engine.errors import UsageError
-from ..display import BLOWS, DRAG, LINEAR, share
+from ..display import BLOWS, DRAG, LINEAR, home_of, share
 from .matter import WEIGHT_LIMIT, Matter
 
 SLOWS = "seeing_wind_slows"
@@ -92,8 +92,7 @@ def still_air(scene: bpy.types.Scene, field: bpy.types.Object) -> bpy.types.Obje
         return found
     obj = bpy.data.objects.new(f"{field.name} Still Air", None)
     obj[SLOWS] = field
-    home = next((each for each in field.users_collection if each.library is None), scene.collection)
-    home.objects.link(obj)
+    home_of(field, scene).objects.link(obj)
     with bpy.context.temp_override(scene=scene, view_layer=scene.view_layers[0], object=obj, active_object=obj):
         bpy.ops.object.forcefield_toggle()
     air = obj.field

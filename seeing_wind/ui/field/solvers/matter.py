@@ -28,8 +28,6 @@ class Matter:
     clip_fps: float
     """Scene frames in a second of the clip."""
     scene_fps: float
-    alone: bool
-    """Feel no effector but those of the field object's collection."""
     areal_density: float
     """Of cloth in a wind [kg/m²]."""
 
@@ -42,8 +40,6 @@ class Matter:
         if not 0.0 < weight <= WEIGHT_LIMIT:
             raise UsageError(f"The field's weight would have to be {in_figures(weight)}, Blender takes up to {WEIGHT_LIMIT:g}.", mend)
         weights.all, weights.texture = 1.0, weight
-        if self.alone:
-            weights.collection = self.field.users_collection[0]
 
     def fall(self, weights: bpy.types.EffectorWeights, speed: float = 1.0) -> None:
         """Make a solver that counts gravity per frame² fall as fast as the clip; gravity that is off stays off."""
@@ -52,9 +48,8 @@ class Matter:
 
 
 def matter(
-    scene: bpy.types.Scene, field: bpy.types.Object | None, density: float | None, alone: bool = False,
-    areal_density: float = SHIRTING,
-) -> Matter:  # fmt: skip
+    scene: bpy.types.Scene, field: bpy.types.Object | None, density: float | None, areal_density: float = SHIRTING
+) -> Matter:
     """Gather what a calibration needs.
 
     Args:
@@ -72,4 +67,4 @@ def matter(
         raise UsageError(f"The density {density:g} must be above zero.", "Give kg/m³, or 0 in the panel for the recovered material.")
     if not areal_density > 0.0:
         raise UsageError(f"The areal density {areal_density:g} must be above zero.", "Cotton has 0.12 kg/m², which is 120 g/m².")
-    return Matter(field, density, field["seeing_wind_fps"] * stride_of(field), frames_per_second(scene), alone, areal_density)
+    return Matter(field, density, field["seeing_wind_fps"] * stride_of(field), frames_per_second(scene), areal_density)

@@ -23,7 +23,6 @@ def calibrate_particles(
     *,
     mass: float | None = None,
     density: float | None = None,
-    alone: bool = False,
 ) -> None:
     """Let a particle system feel a field object: every particle accelerates by f / density [m/s²].
 
@@ -32,12 +31,11 @@ def calibrate_particles(
         field: made by `create_field_object`.
         mass: of a particle [kg]; None keeps the present one. It does not change the acceleration.
         density: [kg/m³]; None takes that of the recovered material.
-        alone: feel no effector but those in the field object's collection.
 
     Raises:
         UsageError: when `field` is no field object, or the volume mass / density is beyond Blender's weights.
     """
-    what = matter(bpy.context.scene, field, density, alone)
+    what = matter(bpy.context.scene, field, density)
     if mass is not None:
         settings.mass = mass
     per_mass = 1.0 / what.density if not is_wind(field) else rate_of_spheres(field, what.density, _radius(settings))
@@ -54,7 +52,7 @@ def particles(scene: bpy.types.Scene, obj: bpy.types.Object, what: Matter, set_m
         if system.settings.type == "HAIR":
             yield _hair(system, what)
             continue
-        calibrate_particles(system.settings, what.field, density=what.density, alone=what.alone)
+        calibrate_particles(system.settings, what.field, density=what.density)
         if is_wind(what.field):
             yield _in_wind(system, what)
         else:

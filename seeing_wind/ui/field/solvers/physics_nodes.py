@@ -13,6 +13,7 @@ from pathlib import Path
 import bpy
 
 from ....engine.errors import UsageError
+from ..display import home_of
 from ..node_groups import GroupBuilder, get_input, modifier_input, set_input, set_up_modifier
 from ..samples import sample_wind_group, samples_of
 
@@ -86,7 +87,7 @@ def effector(scene: bpy.types.Scene, field: bpy.types.Object, density: float) ->
     obj = bpy.data.objects.new(name, bpy.data.meshes.new(name))
     obj[COMPANION] = density
     obj.hide_render = True
-    field.users_collection[0].objects.link(obj)
+    home_of(field, scene).objects.link(obj)
     # only for the outliner and for deleting: the force follows the field object through Sample Wind
     obj.parent, obj.matrix_parent_inverse = field, field.matrix_world.inverted()
     for channel in ("LOCATION", "ROTATION"):

@@ -1,0 +1,111 @@
+"""Forces and winds kept apart: one weight of texture force fields cannot suit both, so what moves feels one kind of field only.
+
+A force per volume counts thousands of N/m³ and a wind a few m/s, so the weight for a wind lets a force throw a body away, and the still air
+of a wind would slow what moves in a force that has the air's drag in it already. So where a scene has both kinds, each calibrated solver
+gets a collection of effectors without the other kind. Blender's own force fields stay in it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import bpy
+
+from ..display import FELT, home_of, is_field, is_wind
+from .in_wind import SLOWS
+
+ONLY = "only"
+"""In place of a kind: a collection for one field alone."""
+
+
+def keep_apart(scene: bpy.types.Scene) -> None:
+    """Let everything that is calibrated feel the kind of field that it was calibrated for, as the scene's fields are now."""
+    for entry in scene.seeing_wind.calibrations:  # the rigid bodies' one weight is set for the last
+        if entry.object is not None and entry.field is not None and entry.field.name in scene.objects:
+            choose_effectors(scene, entry.object, entry.field, entry.alone)
+
+
+def choose_effectors(scene: bpy.types.Scene, obj: bpy.types.Object, field: bpy.types.Object, alone: bool) -> None:
+    """Let an object's solvers feel the fields of one kind, or only one field; a collection that the user has chosen stays."""
+    chosen = _only(scene, field) if alone else _of_kind(scene, field)
+    for weights in _weights(scene, obj):
+        if alone or weights.collection is None or FELT in weights.collection:
+            weights.collection = chosen
+
+
+def said_of_others(scene: bpy.types.Scene, obj: bpy.types.Object, field: bpy.types.Object, alone: bool) -> Iterator[str]:
+    """Which fields of the scene an object does not feel, or should not."""
+    others = [] if alone else sorted(other.name for other in _other_kind(scene, field))
+    collections = [weights.collection for weights in _weights(scene, obj)]
+    if not others or not collections:
+        return
+    felt, kind = ("winds", "forces") if is_wind(field) else ("forces", "winds")
+    within = [name for each in collections if each is not None and FELT not in each for name in others if name in each.all_objects]
+    if within:
+        yield f"The effector collection has {', '.join(dict.fromkeys(within))}, too: take {kind} out, as the weight suits {felt} only"
+    elif all(each is not None and FELT in each for each in collections):
+        names = ", ".join(others[:3])
+        yield f"Not felt: {names}, as one weight cannot suit forces and winds; calibrate for {others[0]} to feel {kind} instead"
+
+
+def _weights(scene: bpy.types.Scene, obj: bpy.types.Object) -> Iterator[bpy.types.EffectorWeights]:
+    """Of all solvers of an object that a calibration sets."""
+    yield from (system.settings.effector_weights for system in obj.particle_systems)
+    yield from (modifier.settings.effector_weights for modifier in obj.modifiers if modifier.type == "CLOTH")
+    body = obj.rigid_body
+    if body is not None and body.type == "ACTIVE" and scene.rigidbody_world is not None:
+        yield scene.rigidbody_world.effector_weights
+
+
+def _other_kind(scene: bpy.types.Scene, field: bpy.types.Object) -> list[bpy.types.Object]:
+    return [obj for obj in scene.objects if is_field(obj) and is_wind(obj) != is_wind(field)]
+
+
+def _of_kind(scene: bpy.types.Scene, field: bpy.types.Object) -> bpy.types.Collection | None:
+    """All effectors of the scene but those of the other kind; None where there is no other kind."""
+    others = _other_kind(scene, field)
+    if not others:
+        return None
+    felt = [obj for obj in scene.objects if _acts(obj) and obj not in others and obj.get(SLOWS) not in others]
+    word = "Wind" if is_wind(field) else "Force"
+    return _collection(scene, word.lower(), f"Felt as {word}", felt)
+
+
+def _only(scene: bpy.types.Scene, field: bpy.types.Object) -> bpy.types.Collection:
+    """The field's collection where it has that to itself, else one that holds nothing but the field and what slows in it."""
+    home = home_of(field, scene)
+    if home != scene.collection and not any(is_field(obj) and obj != field for obj in home.all_objects):
+        return home
+    felt = [field, *(obj for obj in scene.objects if obj.get(SLOWS) == field)]
+    for each in scene.collection.children:
+        if each.get(FELT) == ONLY and field.name in each.objects:
+            return _filled(each, felt)
+    return _filled(_made(scene, ONLY, f"Only {field.name}"), felt)
+
+
+def _acts(obj: bpy.types.Object) -> bool:
+    """Whether it pushes as a force field, or its particles do."""
+    forces = (force for system in obj.particle_systems for force in (system.settings.force_field_1, system.settings.force_field_2))
+    return any(each is not None and each.type != "NONE" for each in (obj.field, *forces))
+
+
+def _collection(scene: bpy.types.Scene, mark: str, name: str, felt: list[bpy.types.Object]) -> bpy.types.Collection:
+    found = next((each for each in scene.collection.children if each.get(FELT) == mark), None)
+    return _filled(found or _made(scene, mark, name), felt)
+
+
+def _made(scene: bpy.types.Scene, mark: str, name: str) -> bpy.types.Collection:
+    """In the scene, so that the user sees it, and what is deleted there is out of it."""
+    made = bpy.data.collections.new(name)
+    made[FELT] = mark
+    scene.collection.children.link(made)
+    return made
+
+
+def _filled(collection: bpy.types.Collection, felt: list[bpy.types.Object]) -> bpy.types.Collection:
+    for obj in [each for each in collection.objects if each not in felt]:
+        collection.objects.unlink(obj)
+    for obj in felt:
+        if obj.name not in collection.objects:
+            collection.objects.link(obj)
+    return collection
