@@ -222,6 +222,17 @@ def test_assets_have_catalogs_tags_previews_and_the_browser_lists_them(library) 
     assert len(libraries) == before + 1 and Path(shelf.listed().path) == library and shelf.listed().import_method == "APPEND"
 
 
+def test_breezes_and_gusts_blow_everywhere_and_the_others_end_beside_their_boxes() -> None:
+    """Of the files that come with the extension, as docs/reference/units.md says."""
+    catalogs = {each.name: each.catalog for each in shelf.entries(shelf.SHELF)}
+    with bpy.data.libraries.load(str(shelf.SHELF / shelf.BLEND)) as (_, wanted):
+        wanted.objects = list(catalogs)
+    reaches = {obj.name: obj["seeing_wind_reach"] for obj in wanted.objects}
+    assert reaches == {name: "HOLD" if catalog in ("Breezes", "Gusts") else "FADE" for name, catalog in catalogs.items()}
+    said = " ".join((ROOT / "docs" / "reference" / "units.md").read_text(encoding="utf-8").split())
+    assert "Its breezes and gusts blow everywhere and come with *Hold*; the others come with *Fade*" in said
+
+
 def test_a_copy_without_a_library_says_so(tmp_path, monkeypatch) -> None:
     monkeypatch.setattr(shelf, "SHELF", tmp_path)
     with pytest.raises(RuntimeError, match="no wind library"):
