@@ -48,6 +48,9 @@ ARROWS = "seeing_wind_arrows"
 WITH_FIELD = "seeing_wind_with_field"
 """Custom property of the object with a field's values: True where it goes with the field, of a copy and of a wind out of the library."""
 
+SLOWS = "seeing_wind_slows"
+"""Custom property of the companion that slows what moves in a wind: the field object. See `solvers.in_wind`."""
+
 LOOP = "seeing_wind_loop"
 """Custom property of a field object: whether its first frame follows its last; the user's."""
 
@@ -167,7 +170,10 @@ def lacks_arrows(obj: Any) -> bool:
 
 
 def has_lost_field(obj: Any, scene: Any) -> bool:
-    """Whether an object belongs to a field that has been deleted since: arrows of a wind out of the library, values of one or of a copy."""
+    """Whether an object belongs to a field that has been deleted since: arrows of a wind out of the library, values of one or of a copy,
+    or what slows in a wind."""
+    if obj.library is None and SLOWS in obj:
+        return obj[SLOWS] is None or scene not in obj[SLOWS].users_scene
     if obj.library is not None or not (obj.get(ARROWS) is True or WITH_FIELD in obj):
         return False
     return obj.parent is None or scene not in obj.parent.users_scene

@@ -17,6 +17,7 @@ from ..property_kinds import PATH
 from ..scene_units import metres_per_unit
 from ..user_paths import absolute
 from .display import field_at_hand, frames_per_second, is_field, is_wind, openvdb_available, out_of_time, said_of_fit, said_of_pace
+from .library.copies import mend
 
 ONE_FILE = [
     ("FGA", "FGA", "Vector field of Unreal Engine, one file per frame"),
@@ -138,6 +139,7 @@ class SEEING_WIND_OT_calibrate(DirectOperator, bpy.types.Operator):
         """Every solver of the object; what one cannot do is part of the answer."""
         from .solvers.apart import keep_apart
 
+        mend(context.scene)
         field = chosen_field(context, self.field)
         said = self._all(context.scene, field) if self.every else self._chosen(context, field)
         keep_apart(context.scene)  # others that were calibrated may have had no other kind of field beside theirs

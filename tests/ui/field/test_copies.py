@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
+import runpy
+from pathlib import Path
+
 import bpy
 import numpy as np
 import pytest
 
-from seeing_wind.ui.field.display import said_of_override, share
+from seeing_wind.ui.field.display import SLOWS, said_of_override, share
 from seeing_wind.ui.field.library.copies import copies_in, make_independent
 from seeing_wind.ui.field.samples import samples_of
+from tests.ui.extension import switched_on
+
+WIND_CHECK = runpy.run_path(str(Path(__file__).resolve().parents[2] / "blender" / "wind_check.py"), run_name="checks")
 
 
-def duplicated(field: bpy.types.Object) -> bpy.types.Object:
-    """By Shift+D."""
+def duplicated(field: bpy.types.Object, linked: bool = False) -> bpy.types.Object:
+    """By Shift+D or Alt+D."""
     for obj in bpy.context.scene.objects:
         obj.select_set(obj == field)
     bpy.context.view_layer.objects.active = field
-    bpy.ops.object.duplicate()
+    bpy.ops.object.duplicate(linked=linked)
     return bpy.context.view_layer.objects.active
 
 
@@ -84,6 +90,79 @@ def test_what_is_no_copy_is_left_alone(scene, checks):
     other = checks["swirl_field"](scene)
     bpy.ops.mesh.primitive_cube_add()
     assert copies_in(scene) == [] and samples_of(field) != samples_of(other)
+
+
+@pytest.mark.parametrize("how", ["duplicate", "linked", "copy"])
+def test_in_the_background_it_is_so_at_the_next_frame(scene, stand_in, checks, how):
+    """By a script, which leaves Blender no time between its lines."""
+    field = checks["swirl_field"](scene)
+    if how == "copy":
+        copy = field.copy()
+        scene.collection.objects.link(copy)
+    else:
+        copy = duplicated(field, linked=how == "linked")
+    copy.rotation_euler.z = 0.5 * np.pi
+    scene.frame_set(2)
+    assert samples_of(copy).parent == copy and copy.field.texture != field.field.texture and copy.data != field.data
+    assert samples_of(field).parent == field and copies_in(scene) == []
+
+
+def test_files_with_copies_are_mended_when_they_are_opened(scene, checks, workplace, tmp_path, monkeypatch):
+    field = checks["swirl_field"](scene)
+    duplicated(field)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "shot.blend"))
+    with switched_on(monkeypatch, workplace):
+        bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "shot.blend"))
+        first, second = (bpy.data.objects[name] for name in ("Wind", "Wind.001"))
+        assert samples_of(second).parent == second and first.field.texture != second.field.texture
+
+
+def test_a_copy_is_made_independent_before_it_is_calibrated_for(scene, stand_in, checks):
+    copy = duplicated(checks["swirl_field"](scene))
+    bpy.ops.mesh.primitive_cube_add()
+    bpy.context.object.modifiers.new("Dust", "PARTICLE_SYSTEM")
+    bpy.ops.seeing_wind.calibrate(field=copy.name)
+    assert samples_of(copy).parent == copy
+
+
+@pytest.mark.parametrize("how", ["operator", "data"])
+def test_still_air_goes_with_its_wind(scene, stand_in, how):
+    """A particle that was thrown goes on as fast, also when its wind is deleted while the file is worked on by a script."""
+    field, dust = WIND_CHECK["steady"](scene), WIND_CHECK["dust"](scene)
+    bpy.ops.seeing_wind.calibrate(object=dust.name)
+    scene.frame_set(1)
+    assert "Wind Still Air" in scene.objects
+    dust.particle_systems[0].settings.normal_factor = 1.0
+    if how == "data":
+        bpy.data.objects.remove(field)
+    else:
+        with bpy.context.temp_override(selected_objects=[field]):
+            bpy.ops.object.delete()
+    dust.particle_systems[0].seed += 1
+    assert WIND_CHECK["dust_speeds"](dust, scene, 10) == pytest.approx(1.0, abs=1e-4)
+    assert "Wind Still Air" not in bpy.data.objects
+
+
+def test_still_air_of_a_deleted_wind_goes_on_in_its_copy(scene, stand_in):
+    field, dust = WIND_CHECK["steady"](scene), WIND_CHECK["dust"](scene)
+    bpy.ops.seeing_wind.calibrate(object=dust.name, density=5.0)
+    before = WIND_CHECK["dust_speeds"](dust, scene, 20)
+    copy = duplicated(field)
+    scene.frame_set(1)
+    bpy.data.objects.remove(field)
+    dust.particle_systems[0].seed += 1
+    assert WIND_CHECK["dust_speeds"](dust, scene, 20) == pytest.approx(before, rel=0.01)
+    assert [obj[SLOWS] for obj in scene.objects if SLOWS in obj] == [copy]
+
+
+def test_a_file_with_the_still_air_of_a_deleted_wind_is_mended_when_it_is_opened(scene, stand_in, tmp_path):
+    field, dust = WIND_CHECK["steady"](scene), WIND_CHECK["dust"](scene)
+    bpy.ops.seeing_wind.calibrate(object=dust.name)
+    bpy.data.objects.remove(field)
+    assert "Wind Still Air" in scene.objects
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "shot.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "shot.blend"))
+    assert "Wind Still Air" not in bpy.data.objects
 
 
 def test_the_add_on_makes_it_so_by_itself(scene, stand_in, checks, monkeypatch):

@@ -7,8 +7,7 @@ from collections.abc import Iterator
 import bpy
 
 from ...bake.animation import keyframes
-from ...field.display import is_field
-from ...field.solvers.in_wind import SLOWS
+from ...field.display import SLOWS, is_field
 from .geometry import geometry, lineage
 
 WITH_SPEED = {"DRAG", "HARMONIC", "MAGNET", "FLUID_FLOW"}
@@ -85,7 +84,7 @@ def _enabled(layer: bpy.types.LayerCollection) -> Iterator[bpy.types.Object]:
 
 
 def _pushes(obj: bpy.types.Object) -> bool:
-    return obj.field is not None and obj.field.type not in ("NONE", "GUIDE") and not is_field(obj) and obj.get(SLOWS) is None
+    return obj.field is not None and obj.field.type not in ("NONE", "GUIDE") and not is_field(obj) and SLOWS not in obj
 
 
 def _moving(obj: bpy.types.Object) -> set[str]:

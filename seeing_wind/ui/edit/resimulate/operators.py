@@ -3,6 +3,7 @@
 import bpy
 
 from ....engine.errors import SeeingWindError, UsageError
+from ...field.library.copies import mend
 from ...job import status, takes, worker
 from ...job.install.environment import engine_python
 from ...job.operator import JobOperator
@@ -25,6 +26,7 @@ class Simulation(JobOperator):
         from .lone_wind import adopt, lone_wind
 
         settings, python = scene.seeing_wind, engine_python()
+        mend(scene)
         alone = lone_wind(scene)
         if alone is not None:
             adopt(scene, alone)

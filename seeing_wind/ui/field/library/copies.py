@@ -1,7 +1,8 @@
 """Field objects that were duplicated: Blender's copy reads the texture of its original, and turns with it. It gets one of its own.
 
 A wind that was dragged or appended from the library, without an operator of ours, gets its arrows in the same way. What belonged to a copy
-or to such a wind goes when it is deleted.
+or to such a wind goes when it is deleted. All this is done soon after a change in a window; under `blender -b` at the next frame, and when
+a file is opened or an operator needs it.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ import contextlib
 import bpy
 from bpy.app.handlers import persistent
 
-from ..display import CARRIED, KIND, WITH_FIELD, has_lost_field, is_field, lacks_arrows, stride_of
+from ..display import CARRIED, KIND, SLOWS, WITH_FIELD, has_lost_field, is_field, is_wind, lacks_arrows, stride_of
 
 
 def copies_in(scene: bpy.types.Scene) -> list[bpy.types.Object]:
@@ -40,23 +41,62 @@ def make_independent(field: bpy.types.Object) -> None:
     make_again(field, field["seeing_wind_reach"], field[KIND])
 
 
-def _make_all_independent() -> float | None:
-    """Of every scene, once Blender is out of the operator that made the copies; seconds to wait where they are still being moved."""
+def mend(scene: bpy.types.Scene) -> None:
+    """Give every copied field what is its own, and let go of what deleted ones have left: still air would slow whatever moves."""
+    copied, left = copies_in(scene), [obj for obj in scene.objects if has_lost_field(obj, scene)]
+    if scene.library is not None or not (copied or left):
+        return
     from ...recover.renew_in_place import discard
+    from ..solvers.apart import keep_apart
+
+    for field in copied:
+        with contextlib.suppress(ReferenceError):
+            make_independent(field)
+    slowed = any(SLOWS in obj for obj in left)
+    for obj in left:
+        discard(obj)
+    if slowed:
+        _slow_in_others(scene)
+    keep_apart(scene)
+
+
+def _slow_in_others(scene: bpy.types.Scene) -> None:
+    """The still air of a deleted wind slowed what moves in its copies, too: one of these gets it where none has any."""
+    from ..solvers.in_wind import still_air
+
+    winds = [obj for obj in scene.objects if is_field(obj) and is_wind(obj)]
+    if winds and not any(SLOWS in obj for obj in scene.objects):
+        still_air(scene, winds[0])
+
+
+def _mend_all() -> float | None:
+    """Every scene, once Blender is out of the operator that made the copies; seconds to wait where they are still being moved."""
     from .arrows import show_arrows  # needs NumPy
 
     windows = bpy.context.window_manager.windows
     if any(operator.bl_idname.startswith("TRANSFORM_") for window in windows for operator in window.modal_operators):
         return 0.2
     for scene in bpy.data.scenes:
-        for field in copies_in(scene) if scene.library is None else ():
-            with contextlib.suppress(ReferenceError):
-                make_independent(field)
+        mend(scene)
         for field in [obj for obj in scene.objects if lacks_arrows(obj)] if scene.library is None else ():
             show_arrows(scene, field)
-        for left in [obj for obj in scene.objects if has_lost_field(obj, scene)] if scene.library is None else ():
-            discard(left)
     return None
+
+
+@persistent
+def _before_frame(scene: bpy.types.Scene, *_: object) -> None:
+    if bpy.app.background:  # where no timer runs
+        mend(scene)
+
+
+@persistent
+def _after_load(*_: object) -> None:
+    from ..solvers.apart import keep_apart
+
+    for scene in bpy.data.scenes:
+        mend(scene)
+        if scene.library is None:
+            keep_apart(scene)
 
 
 @persistent
@@ -66,20 +106,26 @@ def _after_change(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None 
     due = any(_is_copy(obj) or lacks_arrows(obj) for obj in changed)
     if any(isinstance(update.id, (bpy.types.Scene, bpy.types.Collection)) for update in updates):  # something may have been deleted
         due = due or any(has_lost_field(obj, scene) for obj in scene.objects)
-    if due and not bpy.app.timers.is_registered(_make_all_independent):
+    if due and not bpy.app.timers.is_registered(_mend_all):
         # not at once: Blender allows no new data while it evaluates
-        bpy.app.timers.register(_make_all_independent, first_interval=0.0)
+        bpy.app.timers.register(_mend_all, first_interval=0.0)
+
+
+HANDLERS = (("depsgraph_update_post", _after_change), ("frame_change_pre", _before_frame), ("load_post", _after_load))
 
 
 def register() -> None:
-    """Attach the handler, once."""
+    """Attach the handlers, once."""
     unregister()
-    bpy.app.handlers.depsgraph_update_post.append(_after_change)
+    for name, handler in HANDLERS:
+        getattr(bpy.app.handlers, name).append(handler)
 
 
 def unregister() -> None:
-    """Detach it."""
-    for handler in [each for each in bpy.app.handlers.depsgraph_update_post if getattr(each, "__module__", "") == __name__]:
-        bpy.app.handlers.depsgraph_update_post.remove(handler)
-    if bpy.app.timers.is_registered(_make_all_independent):
-        bpy.app.timers.unregister(_make_all_independent)
+    """Detach them, also those of a former registration."""
+    for name, _ in HANDLERS:
+        handlers = getattr(bpy.app.handlers, name)
+        for present in [each for each in handlers if getattr(each, "__module__", "") == __name__]:
+            handlers.remove(present)
+    if bpy.app.timers.is_registered(_mend_all):
+        bpy.app.timers.unregister(_mend_all)

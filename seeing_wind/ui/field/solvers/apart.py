@@ -11,8 +11,7 @@ from collections.abc import Iterator
 
 import bpy
 
-from ..display import FELT, home_of, is_field, is_wind
-from .in_wind import SLOWS
+from ..display import FELT, SLOWS, home_of, is_field, is_wind
 
 ONLY = "only"
 """In place of a kind: a collection for one field alone."""
@@ -21,7 +20,8 @@ ONLY = "only"
 def keep_apart(scene: bpy.types.Scene) -> None:
     """Let everything that is calibrated feel the kind of field that it was calibrated for, as the scene's fields are now."""
     for entry in scene.seeing_wind.calibrations:  # the rigid bodies' one weight is set for the last
-        if entry.object is not None and entry.field is not None and entry.field.name in scene.objects:
+        known = entry.object is not None and entry.object.library is None and entry.field is not None
+        if known and scene in entry.field.users_scene:
             choose_effectors(scene, entry.object, entry.field, entry.alone)
 
 

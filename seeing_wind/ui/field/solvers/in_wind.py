@@ -17,11 +17,9 @@ import bpy
 
 from ....engine.conventions import in_figures
 from ....engine.errors import UsageError
-from ..display import BLOWS, DRAG, LINEAR, home_of, share
+from ..display import BLOWS, DRAG, LINEAR, SLOWS, home_of, share
 from .matter import WEIGHT_LIMIT, Matter
 
-SLOWS = "seeing_wind_slows"
-"""Custom property of the companion that slows what moves: the field object."""
 FLOW = 10.0
 """Of the companion: as much as Blender takes, so that weights of wind fields stay small."""
 SPHERE = 2.0 / 3.0
