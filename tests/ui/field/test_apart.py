@@ -9,7 +9,7 @@ import bpy
 import numpy as np
 import pytest
 
-from seeing_wind.ui.field.display import FELT, arrows_of
+from seeing_wind.ui.field.display import FELT, SLOWS, arrows_of
 from seeing_wind.ui.field.library.arrows import show_arrows
 
 CHECK = runpy.run_path(str(Path(__file__).resolve().parents[2] / "blender" / "wind_check.py"), run_name="checks")
@@ -115,3 +115,25 @@ def test_what_belongs_to_a_field_is_not_made_in_the_collection_that_feels_it(sce
     field = scene.objects[BREEZE]
     show_arrows(scene, field)
     assert not any(FELT in each for each in arrows_of(field, scene).users_collection)
+
+
+def test_two_winds_slow_once(scene):
+    """Far from the second, and calibrated for either, a particle reaches the speed of the first; also without that which came first."""
+    obj, first = CHECK["dust"](scene), CHECK["steady"](scene)
+    second = CHECK["steady"](scene)
+    second.name, second.location.x = BREEZE, 100.0
+    bpy.ops.seeing_wind.apply_to_field(field=BREEZE)  # its reach is that of the settings: Fade
+    for field in (first, second, first):
+        bpy.ops.seeing_wind.calibrate(object=obj.name, field=field.name, density=5.0)
+        obj.particle_systems[0].seed += 1
+        assert CHECK["dust_speeds"](obj, scene, 30)[-1] == pytest.approx(CHECK["SPEED"], rel=0.01)
+        assert len([each for each in scene.objects if SLOWS in each]) == 1
+    bpy.ops.seeing_wind.calibrate(object=obj.name, field=BREEZE, density=5.0, alone=True)
+    obj.location.x = 100.0
+    obj.particle_systems[0].seed += 1
+    assert CHECK["dust_speeds"](obj, scene, 30)[-1] == pytest.approx(CHECK["SPEED"], rel=0.01)
+    bpy.data.objects.remove(first)
+    bpy.context.view_layer.update()
+    obj.particle_systems[0].seed += 1
+    assert CHECK["dust_speeds"](obj, scene, 30)[-1] == pytest.approx(CHECK["SPEED"], rel=0.01)
+    assert [each[SLOWS] for each in scene.objects if SLOWS in each] == [second]

@@ -12,7 +12,7 @@ import contextlib
 import bpy
 from bpy.app.handlers import persistent
 
-from ..display import CARRIED, KIND, SLOWS, WITH_FIELD, has_lost_field, is_field, is_wind, lacks_arrows, stride_of
+from ..display import CARRIED, KIND, SLOWS, WITH_FIELD, has_lost_field, is_field, lacks_arrows, stride_of
 
 
 def copies_in(scene: bpy.types.Scene) -> list[bpy.types.Object]:
@@ -52,21 +52,10 @@ def mend(scene: bpy.types.Scene) -> None:
     for field in copied:
         with contextlib.suppress(ReferenceError):
             make_independent(field)
-    slowed = any(SLOWS in obj for obj in left)
     for obj in left:
-        discard(obj)
-    if slowed:
-        _slow_in_others(scene)
+        if SLOWS not in obj:
+            discard(obj)
     keep_apart(scene)
-
-
-def _slow_in_others(scene: bpy.types.Scene) -> None:
-    """The still air of a deleted wind slowed what moves in its copies, too: one of these gets it where none has any."""
-    from ..solvers.in_wind import still_air
-
-    winds = [obj for obj in scene.objects if is_field(obj) and is_wind(obj)]
-    if winds and not any(SLOWS in obj for obj in scene.objects):
-        still_air(scene, winds[0])
 
 
 def _mend_all() -> float | None:

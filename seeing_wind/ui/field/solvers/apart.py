@@ -12,6 +12,7 @@ from collections.abc import Iterator
 import bpy
 
 from ..display import FELT, SLOWS, home_of, is_field, is_wind
+from .in_wind import one_still_air
 
 ONLY = "only"
 """In place of a kind: a collection for one field alone."""
@@ -19,6 +20,7 @@ ONLY = "only"
 
 def keep_apart(scene: bpy.types.Scene) -> None:
     """Let everything that is calibrated feel the kind of field that it was calibrated for, as the scene's fields are now."""
+    one_still_air(scene)
     for entry in scene.seeing_wind.calibrations:  # the rigid bodies' one weight is set for the last
         known = entry.object is not None and entry.object.library is None and entry.field is not None
         if known and scene in entry.field.users_scene:
@@ -72,15 +74,14 @@ def _of_kind(scene: bpy.types.Scene, field: bpy.types.Object) -> bpy.types.Colle
 
 
 def _only(scene: bpy.types.Scene, field: bpy.types.Object) -> bpy.types.Collection:
-    """The field's collection where it has that to itself, else one that holds nothing but the field and what slows in it."""
+    """The field's collection where it has that to itself, else one that holds nothing but the field; and what slows in a wind."""
+    slows = [obj for obj in scene.objects if SLOWS in obj] if is_wind(field) else []
     home = home_of(field, scene)
     if home != scene.collection and not any(is_field(obj) and obj != field for obj in home.all_objects):
-        return home
-    felt = [field, *(obj for obj in scene.objects if obj.get(SLOWS) == field)]
-    for each in scene.collection.children:
-        if each.get(FELT) == ONLY and field.name in each.objects:
-            return _filled(each, felt)
-    return _filled(_made(scene, ONLY, f"Only {field.name}"), felt)
+        if all(obj.name in home.all_objects for obj in slows):
+            return home
+    found = next((each for each in scene.collection.children if each.get(FELT) == ONLY and field.name in each.objects), None)
+    return _filled(found or _made(scene, ONLY, f"Only {field.name}"), [field, *slows])
 
 
 def _acts(obj: bpy.types.Object) -> bool:

@@ -17,7 +17,7 @@ import bpy
 
 from ....engine.conventions import in_figures
 from ....engine.errors import UsageError
-from ..display import BLOWS, DRAG, LINEAR, SLOWS, home_of, share
+from ..display import BLOWS, DRAG, LINEAR, SLOWS, home_of, is_field, is_wind, share
 from .matter import WEIGHT_LIMIT, Matter
 
 FLOW = 10.0
@@ -84,8 +84,13 @@ def weigh_wind(what: Matter, weights: bpy.types.EffectorWeights, push: float, sl
 
 
 def still_air(scene: bpy.types.Scene, field: bpy.types.Object) -> bpy.types.Object:
-    """The companion of a field object that slows what moves in its wind, made and linked to the scene where there is none."""
-    found = next((obj for obj in scene.objects if obj.get(SLOWS) == field), None)
+    """The companion of a field object that slows what moves in its wind, made and linked to the scene where there is none.
+
+    Of several winds one has it: it acts everywhere, and two would slow twice.
+    """
+    airs = [obj for obj in scene.objects if SLOWS in obj]
+    of_winds = (air for air in airs if _blows_in(scene, air[SLOWS]))
+    found = next((air for air in airs if air[SLOWS] == field), None) or next(of_winds, None)
     if found is not None:
         return found
     obj = bpy.data.objects.new(f"{field.name} Still Air", None)
@@ -103,6 +108,23 @@ def still_air(scene: bpy.types.Scene, field: bpy.types.Object) -> bpy.types.Obje
     variable.name, variable.targets[0].id, variable.targets[0].data_path = "blows", field, f'["{BLOWS}"]'
     driver.expression = f"{FLOW:g}*blows"
     return obj
+
+
+def one_still_air(scene: bpy.types.Scene) -> None:
+    """Leave one companion that slows: of a wind where the scene has any, and of no field that has been deleted."""
+    airs = [obj for obj in scene.objects if SLOWS in obj and obj.library is None]
+    winds = [obj for obj in scene.objects if _blows_in(scene, obj)]
+    there = [air for air in airs if air[SLOWS] is not None and scene in air[SLOWS].users_scene]
+    kept = next((air for air in there if air[SLOWS] in winds or not winds), None)
+    for air in airs:
+        if air != kept:
+            bpy.data.objects.remove(air)
+    if airs and kept is None and winds:
+        still_air(scene, winds[0])
+
+
+def _blows_in(scene: bpy.types.Scene, obj: bpy.types.Object | None) -> bool:
+    return is_field(obj) and is_wind(obj) and scene in obj.users_scene
 
 
 def said_of_drag(field: bpy.types.Object, rate: float, substeps_per_second: float) -> str:
