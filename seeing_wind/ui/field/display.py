@@ -101,7 +101,8 @@ def said_of_mirror(field: Any) -> str:
     """What a negative scale does to a field, its own or a parent's; "" without one."""
     if field.matrix_world.determinant() >= 0.0:
         return ""
-    return "Mirrored by a negative scale: Blender's solvers take that for a turn, and feel this wind upside down. Turn it instead"
+    why = "solvers take that for a turn, and feel this wind upside down, not as its arrows show"
+    return f"Mirrored by a negative scale: {why}. Turn it instead"
 
 
 def said_of_override(field: Any) -> str:

@@ -13,6 +13,7 @@ from seeing_wind.ui import freshness
 from seeing_wind.ui.bake.animation import curves_of
 from seeing_wind.ui.edit.resimulate.force_fields import force_fields
 from tests.ui.edit.edits import state, written
+from tests.ui.jobs import notes_of
 from tests.ui.meshes import cube
 
 CHECK = runpy.run_path(str(Path(__file__).resolve().parents[2] / "blender" / "force_fields_check.py"), run_name="checks")
@@ -115,6 +116,17 @@ def test_a_force_that_the_lattice_cannot_follow_is_told(workplace, recovered, ca
     bpy.ops.seeing_wind.resimulate()
     said = capfd.readouterr().out
     assert "Turbulence acted" in said and "faster from place to place" in said
+
+
+def test_a_mirrored_field_is_said_to_be_felt_otherwise(workplace, recovered):
+    parent = bpy.data.objects.new("Mirror", None)
+    recovered.collection.objects.link(parent)
+    recovered.seeing_wind.field_object.parent, parent.scale = parent, (-1.0, 1.0, 1.0)
+    bpy.context.view_layer.update()
+    cube("Box")
+    bpy.ops.seeing_wind.insert_mesh(object="Box")
+    bpy.ops.seeing_wind.resimulate()
+    assert [note for note in notes_of(recovered, "resimulate") if "Mirrored by a negative scale" in note]
 
 
 def test_what_is_left_out_is_said(workplace, recovered, capfd):

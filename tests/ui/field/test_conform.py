@@ -81,6 +81,13 @@ def test_a_field_that_a_parent_mirrors_is_told(scene) -> None:
     field.parent, parent.scale = parent, (-1.0, 1.0, 1.0)
     bpy.context.view_layer.update()
     assert "upside down" in said_of_mirror(field)
+    bpy.ops.mesh.primitive_plane_add()
+    obj = bpy.context.object
+    obj.modifiers.new("Dust", "PARTICLE_SYSTEM")
+    assert said_of_mirror(field) in calibrate_object(scene, obj, field)
+    parent.scale.x = 1.0
+    bpy.context.view_layer.update()
+    assert not [line for line in calibrate_object(scene, obj, field) if "Mirrored" in line]
 
 
 def test_everything_of_a_take_keeps_the_clock(scene, stand_in, workplace) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import bpy
 
 from ...bake.animation import keyframes
-from ...field.display import SLOWS, is_field
+from ...field.display import SLOWS, is_field, said_of_mirror
 from .geometry import geometry, lineage
 
 WITH_SPEED = {"DRAG", "HARMONIC", "MAGNET", "FLUID_FLOW"}
@@ -42,10 +42,12 @@ def stamp(scene: bpy.types.Scene) -> list[tuple]:
 
 
 def left_out(scene: bpy.types.Scene) -> list[str]:
-    """What would push, or weaken a push, on a solver of the scene, and does not in the re-simulation: in words."""
+    """What would push, or weaken a push, on a solver of the scene, and does not in the re-simulation, or not as it looks: in words."""
     settings = scene.seeing_wind
     seen = [obj for obj in scene.objects if not obj.hide_viewport]
     said = _other_winds(seen, settings.field_object)
+    if settings.field_object is not None and said_of_mirror(settings.field_object):
+        said.append(f"{settings.field_object.name}: {said_of_mirror(settings.field_object)}")
     if not settings.use_force_fields:
         return said
     pushing = [
