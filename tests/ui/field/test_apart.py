@@ -137,3 +137,18 @@ def test_two_winds_slow_once(scene):
     obj.particle_systems[0].seed += 1
     assert CHECK["dust_speeds"](obj, scene, 30)[-1] == pytest.approx(CHECK["SPEED"], rel=0.01)
     assert [each[SLOWS] for each in scene.objects if SLOWS in each] == [second]
+
+
+def test_what_feels_a_field_does_not_show_it_where_its_collection_is_hidden(scene):
+    obj = CHECK["dust"](scene)
+    both(scene)
+    bpy.ops.seeing_wind.calibrate(object=obj.name, field=BREEZE)
+    field, home = scene.objects[BREEZE], bpy.data.collections.new("Home")
+    scene.collection.children.link(home)
+    scene.collection.objects.unlink(field)
+    home.objects.link(field)
+    before = moved(obj, scene)
+    bpy.context.view_layer.layer_collection.children["Home"].hide_viewport = True
+    bpy.context.view_layer.update()
+    assert not field.visible_get() and moved(obj, scene) == pytest.approx(before, abs=1e-6)
+    assert before[2] > 0.01

@@ -96,10 +96,12 @@ def _collection(scene: bpy.types.Scene, mark: str, name: str, felt: list[bpy.typ
 
 
 def _made(scene: bpy.types.Scene, mark: str, name: str) -> bpy.types.Collection:
-    """In the scene, so that the user sees it, and what is deleted there is out of it."""
+    """In the scene, so that the user finds it, and what is deleted there is out of it; but it shows nothing that is hidden elsewhere."""
     made = bpy.data.collections.new(name)
     made[FELT] = mark
     scene.collection.children.link(made)
+    for layer in scene.view_layers:
+        layer.layer_collection.children[made.name].exclude = True
     return made
 
 
