@@ -93,6 +93,7 @@ def recover(options: list[str]) -> None:
     if asked != "force":
         read_as_wind(take, asked)
     given = options[1 : options.index("--take")]
+    take.finish("observe", stamp_of(*given), {"clip": options[0]})
     take.finish("recover", stamp_of(*given), {"gravity": [0.0, 0.0, -3.0], "options": options})
 
 

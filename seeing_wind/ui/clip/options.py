@@ -10,7 +10,7 @@ import bpy
 from ...engine.errors import ClipError, UsageError
 from ..option_properties import existing_file, single
 from ..user_paths import absolute
-from .inputs.clips import as_pattern
+from .inputs.clip_files import as_pattern
 
 View = tuple[str, str, str]
 """Paths of its clip, camera and mask."""

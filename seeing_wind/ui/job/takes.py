@@ -21,6 +21,7 @@ import bpy
 
 from ...engine import systems
 from ...engine.errors import TakeError
+from ..clip.inputs.clip_files import is_another_film
 from ..user_paths import absolute
 
 EDIT = "edit.toml"
@@ -37,7 +38,7 @@ NOT_RECOVERED = ""
 
 def take_folder(settings: bpy.types.PropertyGroup) -> Path:
     """Where the results of Recover go: the user's choice, else CLIP.take beside the .blend file, or in the temporary folder while it is
-    unsaved. Two scenes of one file never get the same folder by default."""
+    unsaved. By default, two scenes of one file never get the same folder, nor does a clip that of another one of its name."""
     if settings.take:
         return Path(absolute(settings.take))
     stem = re.sub(r"[^\w.-]+", "_", Path(bpy.path.abspath(settings.clip)).stem) or "clip"
@@ -45,11 +46,35 @@ def take_folder(settings: bpy.types.PropertyGroup) -> Path:
     home = Path(bpy.data.filepath).parent if bpy.data.filepath else _temporary() / _short(str(clips))
     scene, own = settings.id_data, Path(settings.started_take).name
     taken = {Path(other.seeing_wind.started_take).name for other in bpy.data.scenes if other != scene}
-    if re.fullmatch(rf"{re.escape(stem)}(\.[^.]+)?\.take", own) and own not in taken:
-        return home / own
-    if f"{stem}.take" not in taken:
-        return home / f"{stem}.take"
-    return home / f"{stem}.{_plain(scene.name)}.take"
+    names = [own] if re.fullmatch(rf"{re.escape(stem)}(\.[^.]+)?\.take", own) else []
+    names.append(f"{stem}.{_plain(scene.name)}.take" if f"{stem}.take" in taken else f"{stem}.take")
+    free = (home / name for name in (*names, *(f"{stem}.{k}.take" for k in range(2, 1000))) if name not in taken)
+    return next((each for each in free if not (settings.clip and _of_another(each, absolute(settings.clip)))), home / names[0])
+
+
+def refuse_of_another(folder: Path, clip: str) -> None:
+    """Refuse to write the recovery of a clip into a take that is another clip's, which would be lost.
+
+    Raises:
+        TakeError: then.
+    """
+    named = _of_another(folder, clip)
+    if named:
+        raise TakeError(
+            f"{folder} is the take of another clip, {named}, and not of {clip}.",
+            "Choose another Take, or move that folder away if it is not needed.",
+        )
+
+
+def _of_another(folder: Path, clip: str) -> str:
+    """The path of the clip that a take is of, where that is another one; "" where it is not, or the take does not say."""
+    from ...engine.take import Take  # needs NumPy
+
+    try:
+        named = Take(folder).description().get("stages", {}).get("observe", {}).get("settings", {}).get("clip", "")
+    except TakeError:  # told by the stage that reads it
+        return ""
+    return named if isinstance(named, str) and named and "\0" not in named and is_another_film(clip, named) else ""
 
 
 def home_of(scene: bpy.types.Scene, name: str) -> Path:

@@ -43,6 +43,7 @@ class SEEING_WIND_OT_recover(JobOperator, RecoverOptions, bpy.types.Operator):
                 setattr(settings, name, _found(pool, getattr(self, name)))
         request, python = RecoverRequest.of(scene), engine_python()
         self.digest, self.folder, self.clip = request.digest(), request.take, request.clip
+        takes.refuse_of_another(self.folder, self.clip)
         takes.bring_along(settings, self.folder)
         request.write_inputs()
         return self._messages(python, request)

@@ -12,7 +12,7 @@ import bpy
 
 from ...engine.errors import UsageError
 from ...engine.settings import BuildSettings, ObserveSettings, RecoverSettings, WindSettings, options_of, words_of
-from ..clip.inputs.clips import content_of, files_of
+from ..clip.inputs.clip_files import content_of, files_of
 from ..clip.object.options import object_options
 from ..clip.options import View, clip_options
 from ..job.status import digest_of

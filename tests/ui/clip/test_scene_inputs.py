@@ -12,7 +12,7 @@ import pytest
 from seeing_wind.engine.errors import ObjectError, UsageError
 from seeing_wind.ui.clip.clip_scene import setup_clip_scene
 from seeing_wind.ui.clip.frame_on_screen import box_in_frame, box_on_screen
-from seeing_wind.ui.clip.inputs.clips import as_pattern
+from seeing_wind.ui.clip.inputs.clip_files import as_pattern
 from seeing_wind.ui.clip.inputs.scene_inputs import scene_inputs
 from seeing_wind.ui.clip.options import clip_options
 from seeing_wind.ui.job.takes import INPUTS

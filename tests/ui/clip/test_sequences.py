@@ -8,7 +8,7 @@ import bpy
 import pytest
 
 from seeing_wind.ui import freshness
-from seeing_wind.ui.clip.inputs import clips
+from seeing_wind.ui.clip.inputs import clip_files, clips
 from tests.ui.jobs import now
 
 pytestmark = pytest.mark.usefixtures("stand_in")
@@ -54,7 +54,7 @@ def test_files_of_a_clip_are_those_that_the_engine_reads(images, workplace) -> N
     (images / "other_1.png").write_bytes(b"")
     for path in (images, images / "shot_%04d.png", images / "shot_*.png", images / "no_%d.png", workplace / "clip.mp4"):
         expected = files_of(str(path)) or [path]
-        assert clips.files_of(str(path)) == expected, path
+        assert clip_files.files_of(str(path)) == expected, path
 
 
 def test_another_clip_needs_another_box(scene, images, workplace) -> None:

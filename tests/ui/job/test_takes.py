@@ -193,6 +193,43 @@ def test_two_scenes_with_one_clip_have_a_take_each(project) -> None:
     assert [Path(scene.seeing_wind.recovered_take).name for scene in (first, second)] == names, "and each keeps its own"
 
 
+def two_shots(project: Path) -> tuple[Path, Path]:
+    """Two films of one name."""
+    shots = project / "A" / "clip.mp4", project / "B" / "clip.mp4"
+    for number, shot in enumerate(shots):
+        shot.parent.mkdir()
+        shot.write_bytes((project / "clip.mp4").read_bytes() + b"other" * number)
+    return shots
+
+
+def test_a_clip_of_the_same_name_does_not_replace_what_was_recovered_of_another(project) -> None:
+    first, second = two_shots(project)
+    recover(first)
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    bpy.ops.wm.save_as_mainfile(filepath=str(project / "two.blend"))
+    for clip, name in ((second, "clip.2.take"), (first, "clip.take"), (second, "clip.2.take")):
+        recover(clip)
+        assert takes.shown(bpy.context.scene.seeing_wind) == project / name
+    told = [Take(project / name).read_json("report.json")["clip"]["path"] for name in ("clip.take", "clip.2.take")]
+    assert told == [str(first), str(second)]
+    refused(lambda: recover(second, take="//clip.take"), f"the take of another clip, {first}", "the user's own choice")
+    refused(bpy.ops.seeing_wind.preview, "the take of another clip", "which writes into it, too")
+    assert Take(project / "clip.take").read_json("report.json")["clip"]["path"] == str(first)
+
+
+def test_a_clip_that_was_moved_or_copied_goes_on_in_its_take(project) -> None:
+    clip, second = two_shots(project)
+    recover(clip)
+    (project / "C").mkdir()
+    copied = Path(shutil.copy(clip, project / "C"))
+    os.utime(copied, (1.0e9, 1.0e9))
+    recover(copied)
+    assert takes.shown(bpy.context.scene.seeing_wind) == project / "clip.take", "a copy"
+    copied.unlink()
+    recover(clip, take="//clip.take")
+    assert takes.shown(bpy.context.scene.seeing_wind) == project / "clip.take", "moved"
+
+
 def test_a_take_that_was_recovered_anew_elsewhere_is_not_simulated_in_silently(project) -> None:
     recover("//clip.mp4")
     insert()

@@ -17,7 +17,8 @@ from ...job.panel_words import in_panel_words
 from ...job.status import digest_of
 from ...job.worker_command import ROOT, command, environment
 from ...option_properties import part_of, values_of
-from ..inputs.clips import clip_of, content_of, files_of
+from ..inputs.clip_files import content_of, files_of
+from ..inputs.clips import clip_of
 from ..options import View, clip_options
 from .options import object_options
 
@@ -47,6 +48,7 @@ class SEEING_WIND_OT_preview(JobOperator, bpy.types.Operator):
         self.folder, python = takes.take_folder(settings), engine_python()
         values = values_of(settings, ObserveSettings, BuildSettings, RecoverSettings)
         clip = clip_options(settings, values)
+        takes.refuse_of_another(self.folder, clip[0])
         marked = object_options(settings, values, self.folder / takes.INPUTS)
         self.digest, self.foreseen = preview_digest(clip, marked), foreseen_digest(values, clip, marked)
         takes.bring_along(settings, self.folder)
