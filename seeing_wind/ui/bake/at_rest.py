@@ -6,6 +6,7 @@ import contextlib
 from collections.abc import Iterator
 
 import bpy
+import numpy as np
 
 from ..scene_mesh import COPY_OF
 from .motion import awake_on_top, clear_bake
@@ -42,6 +43,30 @@ def as_shown(obj: bpy.types.Object, scene: bpy.types.Scene) -> Iterator[bpy.type
         return
     with _passing_copy(obj, scene) as copy:
         yield copy
+
+
+def reshaped(obj: bpy.types.Object, scene: bpy.types.Scene, frames: np.ndarray) -> bool:
+    """Whether modifiers or shape keys of an object's own, not those of a bake, change its shape in its own space over some scene frames."""
+    before = scene.frame_current_final
+    try:
+        with at_rest(obj, scene) as still:
+            if not any(modifier.show_viewport for modifier in still.modifiers) and still.data.shape_keys is None:
+                return False
+            first = _shape(still, scene, frames[0])
+            near = 1e-5 * float(np.ptp(first, axis=0).max(initial=0.0))
+            shapes = (_shape(still, scene, frame) for frame in frames[1:])
+            return any(shape.shape != first.shape or np.abs(shape - first).max(initial=0.0) > near for shape in shapes)
+    finally:
+        scene.frame_set(int(before // 1), subframe=float(before % 1.0))
+
+
+def _shape(obj: bpy.types.Object, scene: bpy.types.Scene, frame: float) -> np.ndarray:
+    """(V, 3) in the object's own space at a scene frame."""
+    scene.frame_set(int(frame // 1), subframe=float(frame % 1.0))
+    mesh = obj.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
+    found = np.empty((len(mesh.vertices), 3), dtype=np.float32)
+    mesh.vertices.foreach_get("co", found.reshape(-1))
+    return found
 
 
 @contextlib.contextmanager

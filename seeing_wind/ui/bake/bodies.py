@@ -18,7 +18,7 @@ from ..job import takes
 from ..job.take_reading import simulated_motion
 from ..scene_units import metres_per_unit
 from . import rigid as bake_rigid
-from .at_rest import at_rest
+from .at_rest import at_rest, reshaped
 from .motion import allowed, awake_on_top, bake_motion, baked_copy, baked_frames, check_file, clear_bake
 from .plan import AUTO, LEFT, STANDS_FOR, TRANSFORM, Baked, Plan, left_in, mark_of, plan_of, stamp_of_bakes
 
@@ -60,15 +60,22 @@ def _asked(
         raise TakeError(f"The object of {body.called} is gone.", "Take it off the list, or undo its deletion.")
     smooth = 0 if arrays.get("shell", False) else plan.smooth  # a shell's vertices are its own: what ripples in it, it has
     plan = dataclasses.replace(plan, fps=fps, cache=take.file(f"bodies/{body.result}"), smooth=smooth)
+    plan = dataclasses.replace(plan, reshaped=not body.is_recovered and _reshaped(source, vertices, plan, scene))
     if not force:
         plan = dataclasses.replace(plan, stamp=_stamp(vertices, plan, metres_per_unit(scene), stamp_of_bakes(scene)))
     return source, vertices, plan
 
 
+def _reshaped(source: bpy.types.Object, vertices: np.ndarray, plan: Plan, scene: bpy.types.Scene) -> bool:
+    """`reshaped`, asked only where keys of location and rotation come into question: the scene is played for it."""
+    asked = plan.way in (AUTO, TRANSFORM) and not bake_rigid.obstacle(source, mark_of(source) or {})
+    return asked and reshaped(source, scene, baked_frames(len(vertices), plan, scene)[1])
+
+
 def _refuse_what_fails(scene: bpy.types.Scene, body: bpy.types.PropertyGroup, folder: Path, plan: Plan) -> None:
     """Raise what `bake_body` would, before any body has changed: an error in the second leaves the first as it was, too."""
     source, vertices, plan = _asked(scene, body, folder, plan, force=True)
-    if not body.is_recovered and _fits(source, vertices, plan):
+    if not body.is_recovered and _fits(scene, source, vertices, plan):
         allowed(source, vertices, plan, scene)
     else:  # a copy is made for it
         baked_frames(len(vertices), plan, scene)
@@ -91,7 +98,7 @@ def _carrier(
     scene: bpy.types.Scene, body: bpy.types.PropertyGroup, source: bpy.types.Object, vertices: np.ndarray, plan: Plan
 ) -> bpy.types.Object:
     """The object that gets the motion: `source` or a copy, made now or by a former bake."""
-    if not body.is_recovered and _fits(source, vertices, plan):
+    if not body.is_recovered and _fits(scene, source, vertices, plan):
         _remove_copy(body)
         return source
     copy = body.baked_copy
@@ -114,15 +121,16 @@ def _carrier(
     return copy
 
 
-def _fits(obj: bpy.types.Object, vertices: np.ndarray, plan: Plan) -> bool:
+def _fits(scene: bpy.types.Scene, obj: bpy.types.Object, vertices: np.ndarray, plan: Plan) -> bool:
     """Whether an object can carry a motion itself."""
     if obj.library is not None:
         return False
     if plan.way == TRANSFORM:
         return True
-    if plan.way == AUTO and not bake_rigid.obstacle(obj, mark_of(obj) or {}):
-        fit = bake_rigid.rigid_fit(vertices)
-        if fit.residual <= plan.rigid_tolerance * fit.size:
+    mark = mark_of(obj) or {}
+    if plan.way == AUTO and not bake_rigid.obstacle(obj, mark):
+        fit = bake_rigid.fit_for(obj, vertices, plan.reshaped, mark, metres_per_unit(scene))
+        if fit is not None and fit.residual <= plan.rigid_tolerance * fit.size:
             return True
     keyed = obj.data.shape_keys is not None and mark_of(obj) is None
     shared = obj.data.users > 1 or obj.data.library is not None

@@ -28,9 +28,9 @@ LARGE = 48_000_000
 def bake_motion(obj: bpy.types.Object, vertices: np.ndarray, plan: Plan, scene: bpy.types.Scene | None = None) -> Baked:
     """Give a mesh object the motion of its vertices; a former bake is replaced.
 
-    But for keys of location and rotation, the object's modifiers are put to sleep, since the simulation has seen their effect already
-    (`clear_bake` wakes them). Subdivision at the end of the stack, and modifiers that were added after a former bake, stay on top of the
-    motion. The mesh itself stays what it was.
+    The object's modifiers are put to sleep, since the simulation has seen their effect already (`clear_bake` wakes them); beside keys of
+    location and rotation only where they move it. Subdivision at the end of the stack, and modifiers that were added after a former bake,
+    stay on top of the motion. The mesh itself stays what it was.
 
     Args:
         obj: a mesh object with V vertices (any number for keys of location and rotation); it may be moving itself, its motion is taken out.
@@ -50,6 +50,7 @@ def bake_motion(obj: bpy.types.Object, vertices: np.ndarray, plan: Plan, scene: 
     record: dict[str, Any] = {"way": way, "stamp": plan.stamp, "preview": plan.preview, "slept": []}
     if way == TRANSFORM:
         clear_bake(obj)
+        record["slept"] = _put_to_sleep(obj, on_top) if plan.reshaped else []
         record["former"] = bake_rigid.bake(obj, fit, chosen, frames, metres_per_unit(scene))
     else:
         vertices = smoothed(vertices, _edges(obj), fit, plan.smooth)
@@ -78,11 +79,11 @@ def allowed(
     """What `bake_motion` would do: clip frames and scene frames of the keys, the nearest rigid motion, and the way. Raises as it does."""
     _check_motion(obj, vertices)
     chosen, frames = baked_frames(len(vertices), plan, scene)
-    fit = bake_rigid.rigid_fit(vertices)
-    way = way_for(obj, fit, vertices[chosen], plan, scene)
+    keyed = bake_rigid.fit_for(obj, vertices, plan.reshaped, mark_of(obj) or {}, metres_per_unit(scene))
+    way = way_for(obj, keyed, vertices[chosen], plan, scene)
     if way != TRANSFORM and not _has(obj, plan.stamp):
         _check_mesh(obj, vertices.shape[1])
-    return chosen, frames, fit, way
+    return chosen, frames, keyed if way == TRANSFORM else bake_rigid.rigid_fit(vertices), way
 
 
 def bake_shape_keys(
@@ -224,10 +225,10 @@ def baked_frames(count: int, plan: Plan, scene: bpy.types.Scene) -> tuple[np.nda
     return chosen, frames[chosen]
 
 
-def way_for(obj: bpy.types.Object, fit: bake_rigid.RigidFit, vertices: np.ndarray, plan: Plan, scene: bpy.types.Scene) -> str:
+def way_for(obj: bpy.types.Object, fit: bake_rigid.RigidFit | None, vertices: np.ndarray, plan: Plan, scene: bpy.types.Scene) -> str:
     """How the motion is kept: what the plan asks for, or for AUTO what suits it. UsageError for what cannot be."""
-    obstacle = bake_rigid.obstacle(obj, mark_of(obj) or {})
-    rigid = fit.residual <= plan.rigid_tolerance * fit.size
+    obstacle = bake_rigid.obstacle(obj, mark_of(obj) or {}) or ("" if fit is not None else "its shape keys or modifiers move it")
+    rigid = fit is not None and fit.residual <= plan.rigid_tolerance * fit.size
     if plan.way == TRANSFORM:
         if obstacle:
             raise UsageError(f"{obj.name} cannot have keys of location and rotation: {obstacle}.", "Bake it to shape keys.")

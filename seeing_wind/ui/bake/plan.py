@@ -48,6 +48,8 @@ class Plan:
     """The motion is that of a preview."""
     smooth: int = 0
     """Passes that take ripples of an edge's length out of the motion, see `smooth`."""
+    reshaped: bool = False
+    """Modifiers or shape keys of the object's own change its shape as the scene plays, see `at_rest.reshaped`."""
     frames_follow_time: bool = False
     """Keep the speed where the scene's frame rate is another than `fps`; otherwise one scene frame is one clip frame, as in a take."""
 

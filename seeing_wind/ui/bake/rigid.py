@@ -47,6 +47,27 @@ def rigid_fit(vertices: np.ndarray) -> RigidFit:
     return RigidFit(rotation, translation, residual, float(np.linalg.norm(np.ptp(vertices[0], axis=0))))
 
 
+def fit_for(obj: bpy.types.Object, vertices: np.ndarray, reshaped: bool, mark: dict[str, Any], unit: float) -> RigidFit | None:
+    """The rigid motion that keys of location and rotation give an object; None where they cannot, for its shape keys move it, too.
+
+    Args:
+        vertices: (T+1, V, 3) [m], which frame 0 of the object is like.
+        reshaped: its modifiers move it and are put to sleep, so that it is its mesh which is moved to where the vertices are.
+        mark: of its present bake.
+        unit: metres per unit of the scene.
+    """
+    if not reshaped:
+        return rigid_fit(vertices)
+    if len(obj.data.vertices) != vertices.shape[1] or (obj.data.shape_keys is not None and mark.get("way") != "SHAPE_KEYS"):
+        return None
+    own = np.empty((vertices.shape[1], 3), dtype=np.float32)
+    obj.data.vertices.foreach_get("co", own.reshape(-1))
+    world = np.array(mark["former"]["world"] if "former" in mark else obj.matrix_world)
+    rest = unit * (own @ world[:3, :3].T + world[:3, 3])
+    fit = rigid_fit(np.concatenate([rest[None], vertices]))
+    return RigidFit(fit.rotation[1:], fit.translation[1:], fit.residual, fit.size)
+
+
 def obstacle(obj: bpy.types.Object, mark: dict[str, Any]) -> str:
     """Why an object cannot be moved by keys of its own location and rotation; "" when it can."""
     if obj.library is not None:
