@@ -260,8 +260,8 @@ class SEEING_WIND_OT_export_field(DirectOperator, bpy.types.Operator):
 
             files = write_vdb(scene, field, target)
             return f"Wrote {len(files)} files into {target}"
-        if self.format == "NPZ" and not target.suffix:
-            target = target.with_suffix(f".{name}")
+        if self.format == "NPZ" and target.name:  # as the engine completes it
+            target = target.with_name(f"{target.name.removesuffix('.npz')}.npz")
         os.makedirs(target.parent, exist_ok=True)
         call = command(engine_python(), "export", str(take), "--format", name, "--out", str(target), *faded(scene, field))
         self._run(worker.run(call, cwd=str(take), env=environment()))
@@ -271,10 +271,13 @@ class SEEING_WIND_OT_export_field(DirectOperator, bpy.types.Operator):
         """The folder of a field's take; for a VDB, which is written from the values that the field carries, it need not be there."""
         settings, vdb = scene.seeing_wind, self.format == "VDB"
         if field == settings.field_object and settings.recovered_take:
-            return takes.shown(settings) if vdb else takes.recovered(settings)
-        named = field.get("seeing_wind_take", "")
-        take = Path(absolute(named)) if named else takes.home_of(scene, field.name)
-        if not vdb and not take.is_dir():
+            take = takes.shown(settings) if vdb else takes.recovered(settings)
+        else:
+            named = field.get("seeing_wind_take", "")
+            take = Path(absolute(named)) if named else takes.home_of(scene, field.name)
+        if vdb:  # what was beside a take that is gone may be another project by now
+            return take if take.is_dir() else takes.home_of(scene, field.name).with_name(take.name)
+        if not take.is_dir():
             raise UsageError(f"{field.name} was added without its take, which {self.format} is made from.", "Export OpenVDB instead.")
         return take
 

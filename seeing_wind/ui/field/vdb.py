@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import errno
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import bpy
 import numpy as np
 
 from ...engine.errors import UsageError
+from ...engine.take import Take
 from ..scene_units import metres_per_unit
 from .display import openvdb_available, share
 from .field_object import SOLVER_DELAY
@@ -31,6 +35,7 @@ def write_vdb(scene: bpy.types.Scene, field: bpy.types.Object, folder: Path) -> 
 
     Raises:
         UsageError: when this Blender has no OpenVDB, or the field's values are gone.
+        TakeError: when a file cannot be written; what was written before it stays.
     """
     if not openvdb_available():
         raise UsageError(
@@ -58,7 +63,7 @@ def write_vdb(scene: bpy.types.Scene, field: bpy.types.Object, folder: Path) -> 
     folder.mkdir(parents=True, exist_ok=True)
     written = []
     for t in range(len(force)):
-        grids = []
+        grids: list[tuple[Any, np.ndarray]] = []
         for name, rows in known.items():
             if rows is None:
                 continue
@@ -67,11 +72,38 @@ def write_vdb(scene: bpy.types.Scene, field: bpy.types.Object, folder: Path) -> 
                 grid["vector_type"] = CLASSES[name]
             else:
                 grid, values = openvdb.FloatGrid(), rows[t].reshape(counts)
-            grid.copyFromArray(np.ascontiguousarray(values, dtype=np.float32))
+            values = np.ascontiguousarray(values, dtype=np.float32)
+            grid.copyFromArray(values)
             grid.name, grid.transform, grid.gridClass = name, transform, openvdb.GridClass.FOG_VOLUME
             grid["unit"] = UNITS[name]
-            grids.append(grid)
-        path = folder / f"wind_{field['seeing_wind_frame_start'] + SOLVER_DELAY + t:04}.vdb"
-        openvdb.write(str(path), grids=grids)
-        written.append(path)
+            grids.append((grid, values))
+        written.append(write_file(folder / f"wind_{field['seeing_wind_frame_start'] + SOLVER_DELAY + t:04}.vdb", grids, openvdb))
     return written
+
+
+def write_file(path: Path, grids: Sequence[tuple[Any, np.ndarray]], vdb: Any) -> Path:
+    """Write grids into a file, and read it again: on a full disk OpenVDB ends without an error, with half a file or an empty one.
+
+    Args:
+        grids: each with its values from the cell (0, 0, 0) on.
+        vdb: the module `openvdb`.
+
+    Raises:
+        TakeError: when it cannot be written; what was at `path` is untouched.
+    """
+    with Take(path.parent).writing(path.name) as aside:
+        try:
+            vdb.write(str(aside), grids=[grid for grid, _ in grids])
+            read = {grid.name: grid for grid in vdb.readAll(str(aside))[0]}
+            whole = all(_holds(read[grid.name], values) for grid, values in grids)
+        except Exception:  # OpenVDB has many for half a file, after what it takes it for
+            whole = False
+        if not whole:
+            raise OSError(errno.ENOSPC, "OpenVDB could not read it again, as where the disk is full")
+    return path
+
+
+def _holds(grid: Any, values: np.ndarray) -> bool:
+    found = np.full_like(values, np.nan)
+    grid.copyToArray(found)
+    return np.array_equal(found, values)

@@ -1,0 +1,75 @@
+"""Files for other programs: where they go, what is told of them, and a disk that is full."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+import numpy as np
+import pytest
+
+from seeing_wind.engine.errors import TakeError
+from seeing_wind.ui.field import operators
+from seeing_wind.ui.field.vdb import write_file
+from seeing_wind.ui.job.worker_command import command
+
+
+class Grid:
+    """In the place of OpenVDB's, which the wheels of `bpy` have not."""
+
+    name = "force"
+
+    def __init__(self, values: np.ndarray) -> None:
+        self.values = values
+
+    def copyToArray(self, array: np.ndarray) -> None:  # noqa: N802
+        array[...] = self.values
+
+
+class Vdb:
+    """In the place of its module: writes without a word as much as there is room for."""
+
+    def __init__(self, room: int) -> None:
+        self.room = room
+
+    def write(self, path: str, grids: list[Grid]) -> None:
+        Path(path).write_bytes(grids[0].values.tobytes()[: self.room])
+
+    def readAll(self, path: str) -> tuple[list[Grid], dict]:  # noqa: N802
+        found = Path(path).read_bytes()
+        if not found:
+            raise LookupError("Cannot read grid.")
+        return [Grid(np.frombuffer(found.ljust(96, b"\0"), np.float32).reshape(2, 4, 3))], {}
+
+
+@pytest.mark.parametrize("room", [0, 60])
+def test_half_a_vdb_file_is_told_and_not_kept(tmp_path, room) -> None:
+    values = np.random.default_rng(0).normal(size=(2, 4, 3)).astype(np.float32)
+    path = write_file(tmp_path / "wind_0002.vdb", [(Grid(values), values)], Vdb(96))
+    with pytest.raises(TakeError, match="Cannot write .*wind_0002.vdb: .*disk is full. Free some space or choose another folder"):
+        write_file(path, [(Grid(-values), -values)], Vdb(room))
+    assert path.read_bytes() == values.tobytes() and list(tmp_path.iterdir()) == [path], "the former one is whole"
+
+
+@pytest.mark.parametrize(("given", "written"), [("wind", "wind.npz"), ("wind.npz", "wind.npz"), ("shot.v002", "shot.v002.npz"), ("", None)])
+def test_an_npz_file_is_told_by_the_name_it_gets(recovered_file, stand_in, tmp_path, monkeypatch, capfd, given, written) -> None:
+    bpy.ops.wm.open_mainfile(filepath=str(recovered_file))
+    calls = []
+    monkeypatch.setattr(operators, "command", lambda *words: calls.append(words) or command(*words))
+    target = tmp_path / written if written else recovered_file.with_name("out_wind.npz")
+    capfd.readouterr()
+    assert bpy.ops.seeing_wind.export_field(format="NPZ", filepath=str(tmp_path / given) if given else "") == {"FINISHED"}
+    (asked,) = calls
+    assert asked[asked.index("--out") + 1] == str(target) and f"Exported NPZ to {target}" in capfd.readouterr().out
+
+
+def test_vdb_files_go_beside_the_blend_file_where_the_take_is_gone(recovered_file, stand_in, tmp_path, monkeypatch) -> None:
+    """A project that was copied without its take must not write into the place that it comes from."""
+    bpy.ops.wm.open_mainfile(filepath=str(recovered_file))
+    settings, written = bpy.context.scene.seeing_wind, []
+    monkeypatch.setattr("seeing_wind.ui.field.vdb.write_vdb", lambda scene, field, folder: written.append(folder) or [])
+    assert bpy.ops.seeing_wind.export_field(format="VDB") == {"FINISHED"}
+    settings.recovered_take = str(recovered_file.parent / "elsewhere" / "gone.take")
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "copy.blend"))
+    assert bpy.ops.seeing_wind.export_field(format="VDB") == {"FINISHED"}
+    assert written == [recovered_file.with_name("out_wind"), tmp_path / "gone_wind"]
