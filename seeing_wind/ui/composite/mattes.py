@@ -17,6 +17,7 @@ from ..bake.animation import curves_of, make_linear, remove_curves, retime
 from ..clip.inputs.mask import png
 from ..clip.inputs.pace import Pace, pace_of_scene, set_pace_of_images
 from ..scene_units import metres_per_unit
+from ..user_paths import absolute
 from .own import drop_unused, is_called, own_object
 
 FOLDER, IMAGE, CARD = "mattes", "Seeing Wind Mattes", "Seeing Wind Holdout"
@@ -53,12 +54,12 @@ def mattes_of(scene: bpy.types.Scene, take: Take) -> Mattes | None:
     masks = from_arrays(Masks, arrays, "masks.")
     folder, newer = take.file(FOLDER), take.file("observation.npz").stat().st_mtime
     for t, mask in enumerate(masks):
-        path = folder / f"matte_{t + 1:04}.png"
+        path = folder / _name(t)
         if path.is_file() and path.stat().st_mtime >= newer:
             continue
         with take.writing(f"{FOLDER}/{path.name}") as aside:
             aside.write_bytes(png(matte(mask)))
-    return Mattes(_loaded(folder / "matte_0001.png"), len(masks), pace_of_scene(scene), window_of(masks))
+    return Mattes(_loaded(folder / _name(0)), len(masks), pace_of_scene(scene), window_of(masks))
 
 
 def window_of(masks: Masks) -> np.ndarray:
@@ -128,13 +129,33 @@ def keep_pace(scene: bpy.types.Scene, pace: Pace) -> None:
     """Let the mattes that a scene has, in the compositor and on its card, go by at another pace."""
     card = own_object(scene, CARD)
     frames = int(scene.seeing_wind.field_object["seeing_wind_frames"]) + 1
-    trees = [getattr(scene, "compositing_node_group", None) or getattr(scene, "node_tree", None)]
     if card is not None:
         retime(curves_of(card), pace.at, pace.at + pace.stride * (frames - 1))
-        trees += [material.node_tree for material in card.data.materials]
-    for node in (node for tree in trees if tree is not None for node in tree.nodes):
-        if getattr(node, "image", None) is not None and is_called(node.image, IMAGE):
-            set_pace_of_images(getattr(node, "image_user", node), frames, pace)
+    for node in _showing(scene):
+        set_pace_of_images(getattr(node, "image_user", node), frames, pace)
+
+
+def _showing(scene: bpy.types.Scene) -> list[bpy.types.Node]:
+    """The nodes of compositor and card that show the mattes."""
+    card = own_object(scene, CARD)
+    trees = [getattr(scene, "compositing_node_group", None) or getattr(scene, "node_tree", None)]
+    trees += [material.node_tree for material in card.data.materials if material is not None] if card is not None else []
+    nodes = [node for tree in trees if tree is not None for node in tree.nodes]
+    return [node for node in nodes if getattr(node, "image", None) is not None and is_called(node.image, IMAGE)]
+
+
+def missing_matte(scene: bpy.types.Scene) -> Path | None:
+    """The first file of the mattes that the scene shows and that is not there: Blender renders nothing in its place, and says nothing."""
+    field = scene.seeing_wind.field_object
+    frames = int(field["seeing_wind_frames"]) + 1 if field is not None else 1
+    shown = {Path(absolute(node.image.filepath, node.image.library)) for node in _showing(scene)}
+    paths = (first.with_name(_name(t)) for first in sorted(shown) for t in range(frames))
+    return next((path for path in paths if not path.is_file()), None)
+
+
+def _name(t: int) -> str:
+    """Of the matte of a frame, from 0 on."""
+    return f"matte_{t + 1:04}.png"
 
 
 def set_card(scene: bpy.types.Scene, mattes: Mattes | None, depths: Sequence[float]) -> bpy.types.Object | None:

@@ -61,12 +61,13 @@ class SEEING_WIND_OT_render_composite(DirectOperator, bpy.types.Operator):
     still: BoolProperty(name="This Frame Only", options={"SKIP_SAVE"}, description="An image of the current frame instead of the video")
 
     def act(self, context):
-        """Sets the composite up first when it has not been, or otherwise than it is to look now."""
-        from . import composite, nodes  # needs NumPy
+        """Sets the composite up first when it has not been, or otherwise than it is to look now, or when files of it are gone."""
+        from . import composite, mattes, nodes  # need NumPy
 
         scene = context.scene
         former = scene.seeing_wind.composite_as  # nothing where a script has set it up
-        if not nodes.is_set_up(scene) or former not in ("", _as_text(scene.seeing_wind)):
+        as_before = former in ("", _as_text(scene.seeing_wind)) and not (former and mattes.missing_matte(scene) is not None)
+        if not nodes.is_set_up(scene) or not as_before:
             _set_up(scene)
         if self.filepath:
             path = Path(absolute(self.filepath))

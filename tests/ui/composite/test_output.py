@@ -5,6 +5,7 @@ from __future__ import annotations
 import bpy
 import pytest
 
+from seeing_wind.engine.errors import UsageError
 from seeing_wind.ui.composite import composite
 from seeing_wind.ui.composite.own import changes
 from tests.ui.composite.rendering import render
@@ -30,6 +31,27 @@ def test_a_render_gives_the_scene_its_own_output_back(scene, tmp_path, still):
     path = tmp_path / ("over.png" if still else "over.mp4")
     assert bpy.ops.seeing_wind.render_composite(filepath=str(path), still=still) == {"FINISHED"} and path.is_file()
     assert _output(scene) == before
+
+
+@pytest.mark.parametrize("behind", ["CLIP", "PLATE"])
+def test_mattes_that_are_gone_are_made_again_or_told(scene, tmp_path, workplace, behind):
+    """Blender renders nothing in the place of a missing image, and says that all is well."""
+    take, path = workplace / "out.take", tmp_path / "x.png"
+    assert bpy.ops.seeing_wind.set_up_composite(samples=1, behind=behind) == {"FINISHED"}
+    scene.cycles.use_denoising = False
+    (take / "mattes" / "matte_0003.png").unlink()
+    with pytest.raises(UsageError, match="There is no file .*matte_0003.png, which cuts the edit. Put the take back"):
+        composite.render(scene, path, still=True)
+    assert bpy.ops.seeing_wind.render_composite(filepath=str(path), still=True) == {"FINISHED"} and path.is_file()
+    assert (take / "mattes" / "matte_0003.png").is_file()
+    path.unlink()
+    take.rename(tmp_path / "away.take")
+    try:
+        with pytest.raises(RuntimeError, match="There is no folder .*out.take. Put it beside"):
+            bpy.ops.seeing_wind.render_composite(filepath=str(path), still=True)
+        assert not path.exists()
+    finally:
+        (tmp_path / "away.take").rename(take)
 
 
 def test_a_video_of_the_users_own_stays_as_it_was_set(scene, tmp_path):
