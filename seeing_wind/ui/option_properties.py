@@ -66,7 +66,7 @@ def with_options(
 
 def property_of(one: Option, **common: Any) -> object:
     """The Blender property of an option: its label with the unit is the name, its help the tooltip, its range the limits."""
-    said = one.sentence().removesuffix(".") + (f". 0: {one.otherwise}" if one.unset is not None else "")
+    said = _capital(one.tooltip or one.help) + (f". 0: {one.otherwise}" if one.unset is not None else "")
     about = {"name": f"{one.label} ({one.unit})" if one.unit else one.label, "description": said, "options": KEPT, "update": changed}
     if one.choices:
         titles = {name: name.replace("_", " ").title() for name in one.choices} | one.titles

@@ -55,6 +55,11 @@ def test_a_property_comes_from_the_definition_alone() -> None:
         bpy.utils.unregister_class(group)
 
 
+def test_tooltips_speak_of_no_flags(settings) -> None:
+    for group, _ in groups(settings):
+        assert not [prop.identifier for prop in group.bl_rna.properties if "--" in prop.description]
+
+
 def test_untouched_properties_stand_for_the_defaults(settings) -> None:
     for group, cls in groups(settings):
         for name, value in part_of(values_of(group, cls), cls).items():

@@ -120,7 +120,7 @@ def export_field(
     out, (points, shape) = Path(out), lattice(field.box, nodes)
     if kind == "npz":
         if not out.name:
-            raise UsageError(f"'{out}' is no file's name.", "Give --out a path such as field.npz.")
+            raise UsageError(f"'{out}' is no file's name.", "--out must be a path such as field.npz.")
         values = sample_points(field, np.broadcast_to(points, (field.frames, *points.shape)), None, progress)
         name = out.name if out.suffix == ".npz" else out.name + ".npz"
         arrays = {"points": points, "shape": np.array(shape), "force_density": values[0], "confidence": values[1]}
@@ -130,7 +130,7 @@ def export_field(
         Take(out.parent).write_arrays(name, {**arrays, "fps": np.array(field.fps), "box": field.box})
         return [out.with_name(name)]
     if out.exists() and not out.is_dir():
-        raise UsageError(f"{out} is there already and is no folder, and {kind} is one file per frame.", "Give --out a folder's path.")
+        raise UsageError(f"{out} is there already and is no folder, and {kind} is one file per frame.", "--out must be a folder's path.")
     folder, files = Take(out), []
     for frame in range(field.frames):
         contents = {f"frame_{frame:04d}.{kind}": _ply(field, points, frame, wind) if kind == "ply" else _fga(field, points, shape, frame)}

@@ -48,7 +48,7 @@ class ObserveSettings:
     )  # fmt: skip
     outline_frame: int = option(
         0, label="Clip Frame", help="the frame that --outline shows, counted from 0 in the file; the first one if not given", minimum=0,
-        metavar="N", group=SEEN, panel="main",
+        tooltip="the frame that the outline shows, counted from 0 in the clip's file", metavar="N", group=SEEN, panel="main",
     )  # fmt: skip
     correct: tuple[float, ...] | None = option(
         None, help="points in any frame N, counted from 0 in the file: N+X,Y on the object, N-X,Y beside it; the "

@@ -39,6 +39,8 @@ class Option:
 
     help: str
     """What it is, as the rest of a sentence: the command line's help, and with a capital the panel's tooltip."""
+    tooltip: str = ""
+    """The same for the panel alone, where the help speaks of other flags."""
     label: str = ""
     """In the panel; by default from the name."""
     flag: str = ""

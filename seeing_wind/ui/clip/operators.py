@@ -116,7 +116,8 @@ class SEEING_WIND_OT_match_scene(DirectOperator, bpy.types.Operator):
             scene, self.parts, fps=fps, first=settings.frame_start, last=settings.frame_start + frames, size=tuple(clip.size), aspect=None,
             camera=camera,
         )  # fmt: skip
-        return left_alone(scene).capitalize() or "The scene follows the clip"
+        kept = left_alone(scene)
+        return f"{kept[0].upper()}{kept[1:]}" if kept else "The scene follows the clip"
 
 
 def _show(scene: bpy.types.Scene, clip: bpy.types.MovieClip, parts: frozenset[str]) -> None:

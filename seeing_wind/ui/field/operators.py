@@ -230,7 +230,8 @@ class SEEING_WIND_OT_conform(DirectOperator, bpy.types.Operator):
         for entry in entries:
             entry.said = "; ".join(calibrate_object(scene, entry.object, field, **matter_of(entry)))
             entry.wind, entry.fps = is_wind(field), frames_per_second(scene)
-        said = [f"{field.name}: a clip frame lasts {stride:.4g} scene frames"]
+        lasts = f"{stride:.4g}"
+        said = [f"{field.name}: a clip frame lasts {lasts} scene frame{'' if lasts == '1' else 's'}"]
         if field == scene.seeing_wind.field_object and scene.seeing_wind.camera_object is not None:
             said += [said_of_pace(stride), said_of_own_camera(scene)]
         return "; ".join(each for each in said if each)

@@ -12,7 +12,7 @@ STAGES = (ObserveSettings, BuildSettings, RecoverSettings, WindSettings)
 
 LABELS = {
     **{one.flag: one.label for cls in STAGES for one in options_of(cls).values() if one.panel},
-    "--points": "Blender Mask", "--correct": "Correct the Outline", "--depth": "Proxy Mesh", "--take": "Take",
+    "--points": "Blender Mask", "--correct": "Correct the Outline", "--depth": "Proxy Mesh", "--take": "Take", "--out": "To",
     "--tracks": "Tracks", "--view": "Further Views", "--no-gravity": "Gravity: None",
 }  # fmt: skip
 """Of the options that the panel has, and what it has in the place of others."""

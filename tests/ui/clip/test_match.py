@@ -45,9 +45,10 @@ def test_a_shot_that_is_there_is_left_alone(own, workplace) -> None:
     assert not len(own.camera.data.background_images)
 
 
-def test_the_user_says_what_is_to_be_as_the_clips(own, workplace) -> None:
+def test_the_user_says_what_is_to_be_as_the_clips(own, workplace, capfd) -> None:
     recover(workplace)
     bpy.ops.seeing_wind.match_scene(parts={"SIZE", "RANGE"})
+    assert "The scene keeps its own " in (said := capfd.readouterr().out) and "(Match Scene changes that)" in said
     assert (own.render.resolution_x, own.render.resolution_y) == (96, 64) and (own.frame_start, own.frame_end) == (1, 13)
     assert own.camera.name == "Main Camera" and own.view_settings.view_transform != "Standard"
     bpy.ops.seeing_wind.match_scene(parts={"CAMERA", "VIEW"})

@@ -90,7 +90,7 @@ def test_a_field_that_a_parent_mirrors_is_told(scene) -> None:
     assert not [line for line in calibrate_object(scene, obj, field) if "Mirrored" in line]
 
 
-def test_everything_of_a_take_keeps_the_clock(scene, stand_in, workplace) -> None:
+def test_everything_of_a_take_keeps_the_clock(scene, stand_in, workplace, capfd) -> None:
     recover(workplace)
     settings = scene.seeing_wind
     box = cube("Box")
@@ -127,7 +127,9 @@ def test_everything_of_a_take_keeps_the_clock(scene, stand_in, workplace) -> Non
     strength = tomllib.loads((Path(settings.simulated_take) / "edit.toml").read_text())["field_strength"]
     assert strength == pytest.approx([t / 12 for t in range(12)], abs=1e-4)
     scene.render.fps = 24
+    capfd.readouterr()
     assert bpy.ops.seeing_wind.conform(real_time=False) == {"FINISHED"}
+    assert "a clip frame lasts 1 scene frame\n" in capfd.readouterr().out.replace(";", "\n")
     assert np.allclose([shown(settings.recovered_object, t) for t in times], before[0], atol=1e-4) and scene.frame_end == 13
 
 

@@ -77,4 +77,5 @@ def test_what_the_engine_says_of_a_finished_stage_is_what_the_panel_waits_for() 
 def test_refusals_speak_of_what_the_panel_has() -> None:
     assert in_panel_words(NEITHER) == "Mark the object in the first frame by Box, Blender Mask, or Mask with a PNG."
     assert in_panel_words("Leave it out of --correct.") == "Leave it out of Correct the Outline."
+    assert in_panel_words("--out must be a folder's path.") == "To must be a folder's path.", "of Export Field"
     assert in_panel_words("Leave --schedule out.") == "Leave --schedule out.", "what the panel does not have keeps its name"

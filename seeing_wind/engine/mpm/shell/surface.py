@@ -57,13 +57,14 @@ def surface_of(vertices: np.ndarray, faces: np.ndarray) -> Surface:
         raise UsageError(f"Vertex {_first(~np.isfinite(x).all(axis=1))} of the sheet is not finite.", "Mend the mesh and export it again.")
     alone = np.bincount(faces.ravel(), minlength=len(x)) == 0
     if alone.any():
-        message = f"{alone.sum()} vertices of the sheet, such as {_first(alone)}, belong to no face: loose points or edges have no area."
+        one, many = f"Vertex {_first(alone)} of the sheet belongs", f"{alone.sum()} vertices of the sheet, such as {_first(alone)}, belong"
+        message = f"{one if alone.sum() == 1 else many} to no face: loose points or edges have no area."
         raise UsageError(message, "Delete loose geometry (Mesh > Clean Up > Delete Loose).")
     area, longest = _areas(x, faces)
     flat = area <= THINNEST * longest**2
     if flat.any():
-        message = f"{flat.sum()} faces of the sheet, such as {_first(flat)}, have no area."
-        raise UsageError(message, "Dissolve them (Mesh > Clean Up > Degenerate Dissolve).")
+        one, many = f"Face {_first(flat)} of the sheet has", f"{flat.sum()} faces of the sheet, such as {_first(flat)}, have"
+        raise UsageError(f"{one if flat.sum() == 1 else many} no area.", "Dissolve them (Mesh > Clean Up > Degenerate Dissolve).")
     faces = _orient(faces)
     neighbour, opposite, edge, edges = _around(faces)
     return Surface(x, faces, neighbour, opposite, area, edge, edges)

@@ -16,8 +16,10 @@ def test_what_is_no_sheet_is_refused_in_words(make):
     bad[4, 1] = np.nan
     for mesh, words in (
         ((bad, faces), "Vertex 4 of the sheet is not finite"),
-        ((np.vstack([x, [[9.0, 9.0, 9.0]]]), faces), "belong to no face"),
-        ((x, np.vstack([faces, [[0, 1, 2]]])), "no area"),
+        ((np.vstack([x, [[9.0, 9.0, 9.0]]]), faces), "Vertex 9 of the sheet belongs to no face"),
+        ((np.vstack([x, np.full((2, 3), 9.0)]), faces), "2 vertices of the sheet, such as 9, belong to no face"),
+        ((x, np.vstack([faces, [[0, 1, 2]]])), "Face 8 of the sheet has no area"),
+        ((x, np.vstack([faces, [[0, 1, 2], [3, 4, 5]]])), "2 faces of the sheet, such as 8, have no area"),
         ((np.vstack([x, [[0.5, 0.2, 1.0]]]), np.vstack([faces, [[0, 4, 9]]])), "more than two faces"),
         ((x, faces[:, :2]), "faces of shape"),
         ((x, faces[:0]), "faces of shape"),
