@@ -90,6 +90,8 @@ def edit_folder(settings: bpy.types.PropertyGroup, take: Path, preview: bool = F
     taken = {Path(name).name for other in others for each in (other, *other.edits) for name in (each.simulated_take, each.coarse_take)}
     name = f"{stem}.{edit}.take"
     folder = take.with_name(name if name not in taken else f"{stem}.{edit}.{_plain(scene.name)}.take")
+    if _has_left(settings, take):
+        settings.owner = ""
     # what another file, a batch or the command line (which keeps its edit elsewhere) simulates stays as it is
     every = (folder, *(folder.with_name(f"{folder.stem}.{k}.take") for k in range(2, 1000)))
     free = (each for each in every if each.name not in taken)
@@ -118,9 +120,17 @@ def refuse_in_use(folder: Path) -> None:
 
 
 def own(settings: bpy.types.PropertyGroup) -> str:
-    """The line by which an edit's file says of which scene it is; copies of a .blend file are versions of one scene."""
-    settings.owner = settings.owner or uuid.uuid4().hex
+    """The line by which an edit's file says of which scene it is, also when its .blend file is renamed or moved later."""
+    settings.owner, settings.owner_file = settings.owner or uuid.uuid4().hex, bpy.data.filepath
     return f"# scene {settings.owner}"
+
+
+def _has_left(settings: bpy.types.PropertyGroup, take: Path) -> bool:
+    """Whether the scene's file was saved under another name since it wrote an edit beside this take, and the former file, whose edit that
+    is, is there still. A project that was copied has a take of its own."""
+    former = settings.owner_file
+    stays = bool(former) and os.path.isfile(former) and Path(settings.recovered_take) == take
+    return stays and os.path.realpath(former) != os.path.realpath(bpy.data.filepath)
 
 
 def _owner(folder: Path) -> str | None:

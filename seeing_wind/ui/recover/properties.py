@@ -58,6 +58,7 @@ class RecoverResults:
         options={"HIDDEN"}, description="The field is what holds up an object of which nothing was marked as held, not a wind"
     )
     owner: StringProperty(options={"HIDDEN"}, description="By which edits in takes are known to be this scene's")
+    owner_file: StringProperty(options={"HIDDEN"}, description="The .blend file that wrote the last of them")
     started_take: StringProperty(options={"HIDDEN"}, description="Where the last Recover of this scene went")
     field_object: PointerProperty(type=bpy.types.Object, options={"HIDDEN"})
     arrows_object: PointerProperty(type=bpy.types.Object, options={"HIDDEN"})

@@ -47,11 +47,11 @@ def test_the_engine_reads_what_the_panel_says(workplace, recovered) -> None:
 
 
 def test_versions_of_a_file_do_not_bake_each_other_s_motion(workplace, recovered) -> None:
+    bpy.ops.wm.save_as_mainfile(filepath=str(workplace / "a.blend"))
     cube("Falling")
     bpy.ops.seeing_wind.insert_mesh(object="Falling")
     bpy.ops.seeing_wind.resimulate()
-    bpy.ops.wm.save_as_mainfile(filepath=str(workplace / "a.blend"))
-    bpy.ops.wm.save_as_mainfile(filepath=str(workplace / "b.blend"))
+    bpy.ops.wm.save_mainfile()
     bpy.ops.seeing_wind.scale_mass(factor=8.0)
     bpy.ops.seeing_wind.resimulate()
     bpy.ops.wm.open_mainfile(filepath=str(workplace / "a.blend"))
@@ -63,6 +63,28 @@ def test_versions_of_a_file_do_not_bake_each_other_s_motion(workplace, recovered
     bpy.ops.seeing_wind.resimulate()
     assert state("resimulate") == "done"
     assert bpy.ops.seeing_wind.bake() == {"FINISHED"}
+
+
+def test_a_file_saved_under_another_name_leaves_the_former_one_its_motion(workplace, recovered) -> None:
+    for name in ("a.blend", "b.blend", "c.blend"):
+        (workplace / name).unlink(missing_ok=True)
+    bpy.ops.wm.save_as_mainfile(filepath=str(workplace / "a.blend"))
+    cube("Falling")
+    bpy.ops.seeing_wind.insert_mesh(object="Falling")
+    bpy.ops.seeing_wind.resimulate()
+    bpy.ops.wm.save_mainfile()
+    bpy.ops.wm.save_as_mainfile(filepath=str(workplace / "b.blend"))
+    for factor in (8.0, 2.0):  # and keeps to its own
+        bpy.ops.seeing_wind.scale_mass(factor=factor)
+        bpy.ops.seeing_wind.resimulate()
+        assert bpy.context.scene.seeing_wind.simulated_take.endswith("out.edit.2.take")
+    bpy.ops.wm.save_mainfile()
+    (workplace / "b.blend").rename(workplace / "c.blend")
+    bpy.ops.wm.open_mainfile(filepath=str(workplace / "c.blend"))
+    bpy.ops.seeing_wind.resimulate()
+    assert bpy.context.scene.seeing_wind.simulated_take.endswith("out.edit.2.take"), "a file of another name is the same"
+    bpy.ops.wm.open_mainfile(filepath=str(workplace / "a.blend"))
+    assert state("resimulate") == "done" and bpy.ops.seeing_wind.bake() == {"FINISHED"}
 
 
 def test_pins_go_with_the_bone_that_holds_them(workplace, recovered) -> None:
