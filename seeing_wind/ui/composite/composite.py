@@ -27,6 +27,7 @@ from ..scene_units import metres_per_unit
 from . import nodes
 from .catchers import set_catchers
 from .film import drop_lenses, grain_of, lens_of, set_focus, softness_of
+from .hdri import check_hdri
 from .light import light_scene
 from .mattes import IMAGE, Mattes, mattes_of, missing_matte, set_card
 from .overscan import set_overscan
@@ -155,12 +156,13 @@ def render(scene: bpy.types.Scene, path: Path, *, still: bool = False) -> None:
     The scene has its own output settings again when it is done.
 
     Raises:
-        UsageError: when the clip begins before frame 0, where Blender renders nothing, its file or a matte is gone, `path` is footage, the
-            scene renders several views, or Blender is rendering already.
+        UsageError: when the clip begins before frame 0, where Blender renders nothing, its file, a matte or the panorama is gone, `path` is
+            footage, the scene renders several views, or Blender is rendering already.
         SeeingWindError: when Blender could not write the file.
     """
     check_film(scene.active_clip)
     refuse_footage(path)
+    check_hdri(scene)
     gone = missing_matte(scene)
     if gone is not None:
         raise UsageError(f"There is no file {gone}, which cuts the edit.", "Put the take back, or set the composite up again.")

@@ -38,6 +38,17 @@ def set_hdri(scene: bpy.types.Scene) -> Path:
     return path
 
 
+def check_hdri(scene: bpy.types.Scene) -> None:
+    """UsageError for a panorama of ours without its file: Blender lights the scene in magenta in its place."""
+    world = scene.world
+    node = _nodes(world).get("ShaderNodeTexEnvironment") if world is not None and world.name.split(".")[0] == WORLD else None
+    if node is None or node.image is None or node.image.packed_file is not None:
+        return
+    path = Path(absolute(node.image.filepath, node.image.library))
+    if not path.is_file():
+        raise UsageError(f"There is no file {path}, which lights the scene.", "Put it back, or choose or clear HDRI.")
+
+
 def unset_hdri(scene: bpy.types.Scene) -> bool:
     """Give the scene back the world that it had before `set_hdri`. Returns whether there was a panorama."""
     world, settings = scene.world, scene.seeing_wind

@@ -93,6 +93,16 @@ def test_what_is_no_panorama_is_refused_and_the_light_stays(scene, tmp_path, pan
         assert scene.seeing_wind.hdri == "", "so that the next time is not refused for it"
 
 
+def test_a_panorama_that_is_gone_is_told_before_the_render(scene, tmp_path, panorama) -> None:
+    """Blender would light the edit in magenta, and say that all is well."""
+    assert bpy.ops.seeing_wind.set_up_composite(samples=1, hdri=str(panorama)) == {"FINISHED"}
+    panorama.unlink()
+    path = tmp_path / "x.png"
+    with pytest.raises(RuntimeError, match="There is no file .*field è.hdr, which lights the scene. Put it back"):
+        bpy.ops.seeing_wind.render_composite(filepath=str(path), still=True)
+    assert not path.exists()
+
+
 def test_the_look_stays_with_the_scene(scene, tmp_path) -> None:
     look, ops = scene.seeing_wind.composite, bpy.ops.seeing_wind
     assert ops.set_up_composite(samples=3, shutter=0.0) == {"FINISHED"}
