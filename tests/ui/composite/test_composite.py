@@ -19,11 +19,8 @@ from seeing_wind.ui.composite.catchers import FLOOR, WALL
 from seeing_wind.ui.composite.mattes import CARD, MARGIN, matte, narrowed, softened, widened, window_of
 from seeing_wind.ui.composite.nodes import is_set_up
 from seeing_wind.ui.composite.own import changes
-from seeing_wind.ui.field import operators
-from seeing_wind.ui.field.display import openvdb_available
 from seeing_wind.ui.field.samples import read_samples, samples_of
 from seeing_wind.ui.job import takes
-from seeing_wind.ui.job.worker_command import command
 from seeing_wind.ui.user_paths import absolute
 from tests.ui.composite.rendering import red_cube, render
 from tests.ui.jobs import notes_of, recover
@@ -158,35 +155,6 @@ def test_calibrate_takes_the_active_object_and_reports(scene):
     bpy.data.objects.remove(scene.seeing_wind.field_object)
     with pytest.raises(RuntimeError, match="no recovered field"):
         bpy.ops.seeing_wind.calibrate(object=obj.name)
-
-
-def test_the_field_goes_into_vdb_files_where_blender_can(scene, tmp_path):
-    if not openvdb_available():
-        with pytest.raises(RuntimeError, match="no OpenVDB.*Export FGA, PLY or NPZ"):
-            bpy.ops.seeing_wind.export_field(format="VDB", filepath=str(tmp_path / "vdb"))
-        assert bpy.ops.seeing_wind.export_field(filepath=str(tmp_path / "as it can")) == {"FINISHED"}, "what it can write"
-        return
-    assert bpy.ops.seeing_wind.export_field(filepath=str(tmp_path / "vdb")) == {"FINISHED"}
-    assert len(list((tmp_path / "vdb").glob("*.vdb"))) == 12
-
-
-def test_other_formats_are_the_engines(scene, tmp_path, capfd):
-    assert bpy.ops.seeing_wind.export_field(format="PLY", filepath=str(tmp_path / "ply")) == {"FINISHED"}
-
-
-def test_they_fade_as_the_field_does(scene, tmp_path, monkeypatch):
-    """As far as solvers feel it, in metres, whatever the scene's unit."""
-    calls = []
-    monkeypatch.setattr(operators, "command", lambda *words: calls.append(words) or command(*words))
-    field = scene.seeing_wind.field_object
-    metres = 0.75 * max(max(vertex.co[axis] for vertex in field.data.vertices) - min(vertex.co[axis] for vertex in field.data.vertices)
-                        for axis in range(3))  # fmt: skip
-    for kind in ("FADE", "HOLD", "CONTINUE"):
-        field["seeing_wind_reach"] = kind
-        assert bpy.ops.seeing_wind.export_field(format="PLY", filepath=str(tmp_path / kind)) == {"FINISHED"}
-    faded, *others = calls
-    assert faded[-2] == "--fade" and float(faded[-1]) == pytest.approx(metres * scene.unit_settings.scale_length)
-    assert not any("--fade" in call for call in others)
 
 
 def test_the_legend_names_the_peak_and_shows_its_colours_in_solid_view(scene):

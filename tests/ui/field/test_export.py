@@ -10,6 +10,7 @@ import pytest
 
 from seeing_wind.engine.errors import TakeError
 from seeing_wind.ui.field import operators
+from seeing_wind.ui.field.display import openvdb_available
 from seeing_wind.ui.field.vdb import write_file
 from seeing_wind.ui.job.worker_command import command
 
@@ -42,6 +43,12 @@ class Vdb:
         return [Grid(np.frombuffer(found.ljust(96, b"\0"), np.float32).reshape(2, 4, 3))], {}
 
 
+@pytest.fixture(autouse=True)
+def recovered(recovered_file, stand_in) -> None:
+    """A field recovered, in the file that has it."""
+    bpy.ops.wm.open_mainfile(filepath=str(recovered_file))
+
+
 @pytest.mark.parametrize("room", [0, 60])
 def test_half_a_vdb_file_is_told_and_not_kept(tmp_path, room) -> None:
     values = np.random.default_rng(0).normal(size=(2, 4, 3)).astype(np.float32)
@@ -52,8 +59,7 @@ def test_half_a_vdb_file_is_told_and_not_kept(tmp_path, room) -> None:
 
 
 @pytest.mark.parametrize(("given", "written"), [("wind", "wind.npz"), ("wind.npz", "wind.npz"), ("shot.v002", "shot.v002.npz"), ("", None)])
-def test_an_npz_file_is_told_by_the_name_it_gets(recovered_file, stand_in, tmp_path, monkeypatch, capfd, given, written) -> None:
-    bpy.ops.wm.open_mainfile(filepath=str(recovered_file))
+def test_an_npz_file_is_told_by_the_name_it_gets(recovered_file, tmp_path, monkeypatch, capfd, given, written) -> None:
     calls = []
     monkeypatch.setattr(operators, "command", lambda *words: calls.append(words) or command(*words))
     target = tmp_path / written if written else recovered_file.with_name("out_wind.npz")
@@ -63,9 +69,8 @@ def test_an_npz_file_is_told_by_the_name_it_gets(recovered_file, stand_in, tmp_p
     assert asked[asked.index("--out") + 1] == str(target) and f"Exported NPZ to {target}" in capfd.readouterr().out
 
 
-def test_vdb_files_go_beside_the_blend_file_where_the_take_is_gone(recovered_file, stand_in, tmp_path, monkeypatch) -> None:
+def test_vdb_files_go_beside_the_blend_file_where_the_take_is_gone(recovered_file, tmp_path, monkeypatch) -> None:
     """A project that was copied without its take must not write into the place that it comes from."""
-    bpy.ops.wm.open_mainfile(filepath=str(recovered_file))
     settings, written = bpy.context.scene.seeing_wind, []
     monkeypatch.setattr("seeing_wind.ui.field.vdb.write_vdb", lambda scene, field, folder: written.append(folder) or [])
     assert bpy.ops.seeing_wind.export_field(format="VDB") == {"FINISHED"}
@@ -73,3 +78,32 @@ def test_vdb_files_go_beside_the_blend_file_where_the_take_is_gone(recovered_fil
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "copy.blend"))
     assert bpy.ops.seeing_wind.export_field(format="VDB") == {"FINISHED"}
     assert written == [recovered_file.with_name("out_wind"), tmp_path / "gone_wind"]
+
+
+def test_the_field_goes_into_vdb_files_where_blender_can(scene, tmp_path) -> None:
+    if not openvdb_available():
+        with pytest.raises(RuntimeError, match="no OpenVDB.*Export FGA, PLY or NPZ"):
+            bpy.ops.seeing_wind.export_field(format="VDB", filepath=str(tmp_path / "vdb"))
+        assert bpy.ops.seeing_wind.export_field(filepath=str(tmp_path / "as it can")) == {"FINISHED"}, "what it can write"
+        return
+    assert bpy.ops.seeing_wind.export_field(filepath=str(tmp_path / "vdb")) == {"FINISHED"}
+    assert len(list((tmp_path / "vdb").glob("*.vdb"))) == 12
+
+
+def test_other_formats_are_the_engines(scene, tmp_path, capfd) -> None:
+    assert bpy.ops.seeing_wind.export_field(format="PLY", filepath=str(tmp_path / "ply")) == {"FINISHED"}
+
+
+def test_exports_fade_as_the_field_does(scene, tmp_path, monkeypatch) -> None:
+    """As far as solvers feel it, in metres, whatever the scene's unit."""
+    calls = []
+    monkeypatch.setattr(operators, "command", lambda *words: calls.append(words) or command(*words))
+    field = scene.seeing_wind.field_object
+    metres = 0.75 * max(max(vertex.co[axis] for vertex in field.data.vertices) - min(vertex.co[axis] for vertex in field.data.vertices)
+                        for axis in range(3))  # fmt: skip
+    for kind in ("FADE", "HOLD", "CONTINUE"):
+        field["seeing_wind_reach"] = kind
+        assert bpy.ops.seeing_wind.export_field(format="PLY", filepath=str(tmp_path / kind)) == {"FINISHED"}
+    faded, *others = calls
+    assert faded[-2] == "--fade" and float(faded[-1]) == pytest.approx(metres * scene.unit_settings.scale_length)
+    assert not any("--fade" in call for call in others)

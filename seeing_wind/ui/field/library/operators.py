@@ -5,7 +5,6 @@ from bpy.props import BoolProperty, EnumProperty
 
 from ....engine.errors import UsageError
 from ...direct_operator import DirectOperator
-from ..display import is_field, is_wind
 from . import shelf
 
 LIBRARY = "Seeing Wind"
@@ -40,7 +39,7 @@ class SEEING_WIND_OT_add_wind(DirectOperator, bpy.types.Operator):
 
     def act(self, context):
         """Its place and strength can be changed at will."""
-        from ..solvers.apart import keep_apart
+        from ..solvers.apart import keep_apart, other_kind
         from ..solvers.calibration import has_solver  # needs NumPy
 
         scene = context.scene
@@ -52,7 +51,7 @@ class SEEING_WIND_OT_add_wind(DirectOperator, bpy.types.Operator):
         field.select_set(True)
         if self.calibrate and any(has_solver(obj) for obj in scene.objects if obj != field):
             bpy.ops.seeing_wind.calibrate(every=True, field=field.name)
-            left = sorted(other.name for other in scene.objects if is_field(other) and is_wind(other) != is_wind(field))
+            left = sorted(other.name for other in other_kind(scene, field))
             instead = f", and not {', '.join(left[:3])}: one weight cannot suit forces and winds" if left else ""
             return f"Added {field.name}; what has physics feels it{instead}"
         keep_apart(scene)

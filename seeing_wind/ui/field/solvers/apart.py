@@ -37,7 +37,7 @@ def choose_effectors(scene: bpy.types.Scene, obj: bpy.types.Object, field: bpy.t
 
 def said_of_others(scene: bpy.types.Scene, obj: bpy.types.Object, field: bpy.types.Object, alone: bool) -> Iterator[str]:
     """Which fields of the scene an object does not feel, or should not."""
-    others = [] if alone else sorted(other.name for other in _other_kind(scene, field))
+    others = [] if alone else sorted(other.name for other in other_kind(scene, field))
     collections = [weights.collection for weights in _weights(scene, obj)]
     if not others or not collections:
         return
@@ -59,13 +59,14 @@ def _weights(scene: bpy.types.Scene, obj: bpy.types.Object) -> Iterator[bpy.type
         yield scene.rigidbody_world.effector_weights
 
 
-def _other_kind(scene: bpy.types.Scene, field: bpy.types.Object) -> list[bpy.types.Object]:
+def other_kind(scene: bpy.types.Scene, field: bpy.types.Object) -> list[bpy.types.Object]:
+    """The winds of a scene beside a force, or its forces beside a wind."""
     return [obj for obj in scene.objects if is_field(obj) and is_wind(obj) != is_wind(field)]
 
 
 def _of_kind(scene: bpy.types.Scene, field: bpy.types.Object) -> bpy.types.Collection | None:
     """All effectors of the scene but those of the other kind; None where there is no other kind."""
-    others = _other_kind(scene, field)
+    others = other_kind(scene, field)
     if not others:
         return None
     felt = [obj for obj in scene.objects if _acts(obj) and obj not in others and obj.get(SLOWS) not in others]
