@@ -92,6 +92,21 @@ def test_bending_does_not_move_a_point_along_its_body_and_stretching_does(post):
     assert np.abs(wrongly_bent).max() < 0.05 * np.abs(stretched).max(), "of a bending that is off by 2 %, next to nothing is seen"
 
 
+def test_noise_does_not_look_like_a_stretch(post):
+    """Points with independent errors in every frame, of which those of frame 0 make the body, and stay with it as it bends."""
+    curvature, noise, random = 1.5 * np.sin(np.arange(31) / 5.0), 8e-4, np.random.default_rng(0)
+    told = np.empty((6, 30))
+    for one in told:
+        error = noise * random.standard_normal((31, *post.x.shape))
+        seen = bent(post, curvature) + error @ TURN.T
+        channels = point_channels(replace(post, x=seen[0]), points(replace(post, x=seen[0]), seen), False)
+        built = bent(replace(post, x=post.x + error[0]), curvature)
+        one[:] = [channels.residual(built[t : t + 1], t).reshape(-1, 3)[1, 0] for t in range(1, 31)]
+    of_an_amplitude = noise / np.sqrt(len(post.x))
+    assert abs(told.mean()) < 0.7 * of_an_amplitude, "errors are as often to the one side as to the other"
+    assert told.std(axis=1).mean() < 1.15 * of_an_amplitude
+
+
 def test_points_that_are_not_always_seen_leave_the_rest_to_tell_the_curve(post):
     body, curvature = replace(post, x=post.x @ TURN.T), 1.5 * np.sin(np.arange(31) / 5.0)
     seen = points(body, bent(post, curvature))

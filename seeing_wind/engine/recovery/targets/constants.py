@@ -127,6 +127,10 @@ class NoiseConstants:
     slice: float = constant(1.5, "particle spacings", "Least thickness of a slice across a bent body.", "Chosen.")
     fewest_slices: int = constant(4, "slices", "Fewer show no curve.", "Geometry.")
     most_slices: int = constant(24, "slices", "At most.", "Chosen.")
+    curve_degree: int = constant(
+        5, "degree", "Of the polynomials along a body that smooth the curve of its slices' centres.",
+        "A post clamped at its foot, bent in its first two modes; with 7, posts come back the same.",
+    )  # fmt: skip
 
     clamp_rides: float = constant(0.99, "1", "A point shows the clamp when so much of its weight is on held particles.", "Geometry.")
     clamp_frames: int = constant(8, "frames", "With fewer, the noise of the clamp's motion cannot be measured.", "Statistics.")
