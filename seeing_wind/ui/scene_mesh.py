@@ -16,6 +16,9 @@ COPY_OF = "seeing_wind_copy_of"
 THINNEST = 1e-6
 """Smallest scale of an object relative to its largest: under it no keyframes in its own space could move it in the world."""
 
+FLATTEST = 1e-6
+"""Smallest area of a mesh relative to its length squared: in single precision points on one line span up to a tenth of it."""
+
 
 def name_of(obj: bpy.types.Object) -> str:
     """The name by which the user knows an object, also where a passing copy stands for it."""
@@ -26,7 +29,7 @@ def mesh_arrays(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> tuple[
     """An object as displayed: vertices (V, 3) float64 in the world, in the scene's units, and triangles (M, 3) int32, normals outwards.
 
     Raises:
-        UsageError: when the object has no triangles, or a scale of 0.
+        UsageError: when the object has no triangles, a vertex or a place that is not finite, or a scale of 0.
     """
     evaluated = obj.evaluated_get(depsgraph)
     try:
@@ -44,6 +47,8 @@ def mesh_arrays(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> tuple[
     if len(triangles) == 0:
         raise UsageError(f"{name_of(obj)} has no faces.", "Choose a mesh with a surface.")
     matrix = np.array(evaluated.matrix_world)
+    if not (np.isfinite(local).all() and np.isfinite(matrix).all()):
+        raise UsageError(f"{name_of(obj)} has vertices that are nowhere (not a number).", "Delete them, or the modifier that makes them.")
     stretch = np.linalg.svd(matrix[:3, :3], compute_uv=False)
     if not stretch[-1] > THINNEST * stretch[0]:
         raise UsageError(f"{name_of(obj)} has a scale of 0.", "Give it another scale, or apply it (Object > Apply > Scale).")
@@ -51,6 +56,20 @@ def mesh_arrays(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> tuple[
         # a mirrored object would turn its surface inside out
         triangles = triangles[:, ::-1]
     return local.astype(np.float64) @ matrix[:3, :3].T + matrix[:3, 3], np.ascontiguousarray(triangles)
+
+
+def solid_arrays(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> tuple[np.ndarray, np.ndarray]:
+    """`mesh_arrays` of an object that is to move, or to be in the way.
+
+    Raises:
+        UsageError: also when all faces are lines or points.
+    """
+    vertices, triangles = mesh_arrays(obj, depsgraph)
+    corners = vertices[triangles]
+    area = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum()
+    if not area > FLATTEST * np.ptp(corners, axis=(0, 1)).max() ** 2:
+        raise UsageError(f"{name_of(obj)} has no area: all its faces are lines or points.", "Check the mesh and its scale.")
+    return vertices, triangles
 
 
 def pinned_vertices(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph, group: str) -> tuple[np.ndarray, np.ndarray]:

@@ -51,15 +51,24 @@ def test_what_is_no_clip_is_refused_and_the_former_one_stays(scene, workplace, t
 
 
 def test_meshes_that_cannot_move_are_refused(scene, recovered) -> None:
-    ops, nan = bpy.ops.seeing_wind, float("nan")
-    mesh("Empty", [], [])
-    mesh("Edge", [(0, 0, 0), (1, 0, 0)], [])
-    mesh("Nowhere", [(0, 0, 0), (nan, 0, 0), (0, 1, 0)], [(0, 1, 2)])
-    for name, says in (("Empty", "no faces"), ("Edge", "no faces"), ("Nowhere", "nowhere")):
-        ops.insert_mesh(object=name)
-        refused(ops.resimulate, says)
+    ops, leaf = bpy.ops.seeing_wind, [(0, 0, 0), (1, 0, 0), (0, 1, 0)]
+    unfit = {
+        "Empty": ([], [], "no faces"), "Edge": (leaf[:2], [], "no faces"),
+        "Line": ([(0, 0, 0), (1, 3, 0), (0.1, 0.3, 0)], [(0, 1, 2)], "no area"),
+        "Nowhere": ([leaf[0], (float("nan"), 0, 0), leaf[2]], [(0, 1, 2)], "nowhere"),
+    }  # fmt: skip
+    for name, (vertices, faces, says) in unfit.items():
+        mesh(name, vertices, faces)
+        refused(lambda name=name: ops.insert_mesh(object=name), f"{name} has .*{says}")
+        assert not len(scene.seeing_wind.bodies)
+        fine = scene.objects[mesh(f"{name} later", leaf, [(0, 1, 2)])]
+        ops.insert_mesh(object=fine.name)
+        fine.data = scene.objects[name].data
+        refused(ops.resimulate, f"{name} later has .*{says}")
         refused(ops.bake)
         ops.remove_body()
+    mesh("Beyond", [leaf[0], (float("inf"), 0, 0), leaf[2]], [(0, 1, 2)])
+    refused(lambda: ops.insert_mesh(object="Beyond"), "nowhere")
     refused(lambda: ops.insert_mesh(object=scene.seeing_wind.field_object.name), "no mesh that could move")
     for kind, says in (("obj", "no mesh that could move"), ("ply", "cannot import"), ("stl", "cannot import")):
         (recovered.parent / f"bad.{kind}").write_text("garbage")
@@ -127,8 +136,9 @@ def test_a_failure_is_forgotten_once_its_cause_is_mended(scene, workplace) -> No
     assert state("recover") == "idle"
     assert ops.recover(take=str(workplace / "out.take")) == {"FINISHED"}
     refused(ops.resimulate, "No mesh is inserted")
-    ops.insert_mesh(object=mesh("Edge", [(0, 0, 0), (1, 0, 0)], []))
+    ops.insert_mesh(object=mesh("Leaf", [(0, 0, 0), (0.1, 0, 0), (0, 0, 0.1)], [(0, 1, 2)]))
     assert state("resimulate") == "idle"
+    scene.objects["Leaf"].data.clear_geometry()
     refused(ops.resimulate, "no faces")
     assert state("resimulate") == "failed"
     settings.edit_gravity_mode = "NONE"

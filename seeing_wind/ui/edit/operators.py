@@ -51,6 +51,7 @@ class SEEING_WIND_OT_insert_mesh(DirectOperator, bpy.types.Operator):
         new = [obj for obj in meshes if obj not in taken]
         if not new:
             raise UsageError("These meshes are in the list already.", "Select others, or change them in the list.")
+        self._refuse_unfit([obj for obj in new if obj is not None], context.scene)
         dressed: list[str] = []
         for obj in new:
             body = settings.bodies.add()
@@ -66,6 +67,18 @@ class SEEING_WIND_OT_insert_mesh(DirectOperator, bpy.types.Operator):
         settings.active_body = len(settings.bodies) - 1
         said = f"; {', '.join(dressed)} had no material and looks like thin cloth now" if dressed else ""
         return f"Inserted {', '.join(body.name for body in settings.bodies[-len(new) :])}{said}"
+
+    def _refuse_unfit(self, meshes: list, scene) -> None:
+        """What Re-simulate could not write; what was imported for it is not left behind."""
+        from ..bake.at_rest import discard  # needs NumPy, as does the other
+        from .resimulate.edit_export import refuse_unfit
+
+        try:
+            refuse_unfit(meshes, scene)
+        except UsageError:
+            for obj in meshes if self.filepath else ():
+                discard(obj)
+            raise
 
     def _meshes(self, context) -> list:
         settings = context.scene.seeing_wind

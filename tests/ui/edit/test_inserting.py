@@ -47,10 +47,34 @@ def test_a_hidden_object_is_simulated_as_it_would_be_shown(workplace, scene, how
 @pytest.mark.parametrize("scale", [(0.0, 0.0, 0.0), (1.0, 1.0, 0.0), (1e-30, 1.0, 1.0)])
 def test_a_scale_of_nothing_is_refused(workplace, scene, scale) -> None:
     recover(workplace)
-    cube("Flat").scale = scale
+    flat = cube("Flat")
     bpy.ops.seeing_wind.insert_mesh(object="Flat")
+    flat.scale = scale
     with pytest.raises(RuntimeError, match="Flat has a scale of 0"):
         bpy.ops.seeing_wind.resimulate()
+    scene.seeing_wind.bodies.clear()
+    with pytest.raises(RuntimeError, match="Flat has a scale of 0"):
+        bpy.ops.seeing_wind.insert_mesh(object="Flat")
+
+
+def test_a_mesh_is_judged_as_it_is_in_the_clip_s_first_frame(workplace, scene) -> None:
+    recover(workplace)
+    fades = cube("Fades")
+    for frame, scale in ((scene.seeing_wind.frame_start, 1.0), (9, 0.0)):
+        fades.scale = (scale,) * 3
+        fades.keyframe_insert("scale", frame=frame)
+    scene.frame_set(10)
+    bpy.ops.seeing_wind.insert_mesh(object="Fades")
+    assert scene.frame_current == 10 and scene.seeing_wind.bodies[0].object == fades
+
+
+def test_what_was_imported_and_cannot_move_is_not_left_behind(workplace, scene) -> None:
+    recover(workplace)
+    (workplace / "line.obj").write_text("o Line\nv 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n")
+    before = set(bpy.data.objects), set(bpy.data.meshes)
+    with pytest.raises(RuntimeError, match="Line has no area"):
+        bpy.ops.seeing_wind.insert_mesh(filepath=str(workplace / "line.obj"))
+    assert (set(bpy.data.objects), set(bpy.data.meshes)) == before and not len(scene.seeing_wind.bodies)
 
 
 def test_everything_selected_inserts_what_can_move(workplace, scene) -> None:

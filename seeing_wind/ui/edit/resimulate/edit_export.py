@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ from ...bake.at_rest import as_shown, at_rest
 from ...job.take_reading import FieldSummary, field_summary
 from ...job.takes import own
 from ...option_properties import single
-from ...scene_mesh import mesh_arrays, name_of, pinned_vertices
+from ...scene_mesh import mesh_arrays, name_of, pinned_vertices, solid_arrays
 from ...scene_units import metres_per_unit
 from .edit_files import export_mesh, export_pins, write_array, write_edit, write_pins
 from .field_place import standing
@@ -67,6 +67,24 @@ def export_edit(
     if preview:
         values |= {"coarseness": COARSENESS, "frames": frames_seen(scene, frames[1] - frames[0])}
     return write_edit(folder, bodies, _gravity(request, source), colliders, own(scene.seeing_wind), **values), notes + said
+
+
+def refuse_unfit(objects: Sequence[bpy.types.Object], scene: bpy.types.Scene) -> None:
+    """UsageError for the first of `objects` that Re-simulate could not write as a body: of no area, or with vertices that are nowhere.
+
+    As Re-simulate does, it looks at them in the clip's first frame; the scene goes there only where one of them may move.
+    """
+    before, first = scene.frame_current_final, scene.seeing_wind.frame_start
+    away = before != first and any(may_move(obj) for obj in objects)
+    if away:
+        scene.frame_set(first)
+    try:
+        for obj in objects:
+            with at_rest(obj, scene) as still:
+                solid_arrays(still, bpy.context.evaluated_depsgraph_get())
+    finally:
+        if away:
+            scene.frame_set(int(before // 1), subframe=before % 1.0)
 
 
 def _forces(

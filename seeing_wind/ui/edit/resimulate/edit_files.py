@@ -10,11 +10,10 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ....engine.errors import UsageError
 from ....engine.settings import toml_text
 from ....engine.take import Take
 from ...job.takes import EDIT
-from ...scene_mesh import FIRM, mesh_arrays, name_of, pinned_vertices
+from ...scene_mesh import FIRM, pinned_vertices, solid_arrays
 from ...scene_units import metres_per_unit
 
 
@@ -41,11 +40,9 @@ def export_mesh(
         shift: (3,) added to the vertices [m].
 
     Raises:
-        UsageError: when the object has no triangles, or vertices that are not finite.
+        UsageError: when the object is none that could move, see `solid_arrays`.
     """
-    vertices, triangles = mesh_arrays(obj, depsgraph)
-    if not np.isfinite(vertices).all():
-        raise UsageError(f"{name_of(obj)} has vertices that are nowhere (not a number).", "Delete them, or the modifier that makes them.")
+    vertices, triangles = solid_arrays(obj, depsgraph)
     vertices = vertices * metres_per_unit(depsgraph.scene) + np.asarray(shift)
     path = Path(path)
     Take(path.parent).write_arrays(path.name, {"vertices": vertices, "triangles": triangles})
