@@ -6,7 +6,7 @@ No postponed annotations here: Blender reads annotations as property definitions
 import inspect
 import math
 import os
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from typing import Any
 
 import bpy
@@ -22,6 +22,9 @@ NUMBERS = {(float, False): FloatProperty, (float, True): FloatVectorProperty, (i
 
 PRESET = "PRESET"
 """The choice that stands for None."""
+
+ROUNDED = 1e-5
+"""Relative to a preset: what differs less is the same number in single precision, or in another unit of length."""
 
 
 def panel_options(*classes: type, part: str = "") -> list[Option]:
@@ -137,6 +140,14 @@ def give(group: bpy.types.bpy_struct, one: Option, value: Any) -> None:
     setattr(group, one.identifier, tuple(value) if isinstance(value, list) else str(value).upper() if one.choices else value)
     if _has_tick(one):
         setattr(group, f"use_{one.identifier}", True)
+
+
+def choice_of(value: Sequence[float], presets: dict[str, Sequence[float]]) -> str:
+    """Which of `presets` a vector is, as a menu that has them and CUSTOM says it; the first one, where several are the same."""
+    for name, preset in presets.items():
+        if math.dist(value, preset) <= ROUNDED * max(1.0, math.hypot(*preset)):
+            return name
+    return "CUSTOM"
 
 
 def check_files(values: dict[str, Any], cls: type) -> None:

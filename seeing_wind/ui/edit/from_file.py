@@ -8,12 +8,15 @@ from typing import Any
 import bpy
 import numpy as np
 
+from ...engine.conventions import NO_GRAVITY
 from ...engine.errors import TakeError
 from ...engine.reading import read_array, read_arrays, read_toml
 from ...engine.settings import BodyEdit, ColliderEdit, Edit, options_of
 from ...engine.take import Take
-from ..option_properties import give, panel_options
+from ..job.takes import shown
+from ..option_properties import choice_of, give, panel_options
 from ..scene_units import metres_per_unit
+from .resimulate.edit_export import recovered_gravity
 
 PINNED = "Pinned"
 """Name of the vertex group that is made of an edit's pins."""
@@ -54,7 +57,8 @@ def fill_edit(scene: bpy.types.Scene, take: Take, objects: dict[str, bpy.types.O
         if "field" in edit:
             give(settings, options_of(Edit)["field"], edit["field"])
         if gravity is not None:
-            settings.edit_gravity_mode, settings.edit_gravity = "CUSTOM", gravity
+            settings.edit_gravity = gravity
+            settings.edit_gravity_mode = choice_of(gravity, {"SAME": recovered_gravity(shown(settings)), "NONE": NO_GRAVITY})
     except (AttributeError, KeyError, OSError, TypeError, ValueError) as error:
         raise TakeError(f"The edit {named} cannot be taken into the panel ({error}).", "Correct it, or insert the meshes anew.") from error
     return told

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from typing import Any
 
 import bpy
 
+from ...engine.conventions import NO_GRAVITY
 from ...engine.errors import TakeError
 from ...engine.settings import BuildSettings, ObserveSettings, RecoverSettings, WindSettings
 from ...engine.take import Take
-from ..option_properties import give, panel_options
+from ..option_properties import choice_of, give, panel_options
 from ..user_paths import absolute
 from .properties import MODES
+from .request import gravity_of
 
 OPTIONS = {one.name: one for one in panel_options(ObserveSettings, BuildSettings, RecoverSettings, WindSettings)}
 
@@ -57,9 +60,16 @@ def fill(scene: bpy.types.Scene, take: Take, clip: str) -> bool:
         mode, implied = MODES.get(name, ("", None))
         if mode:
             setattr(settings, mode, implied)
-    if "solve" in take.description().get("stages", {}) and "gravity" not in given:
+    if "gravity" in given:
+        settings.gravity_mode = choice_of(given["gravity"], _gravities(scene))
+    elif "solve" in take.description().get("stages", {}):
         settings.gravity_mode = "NONE"
     return whole and _is_marked(settings)
+
+
+def _gravities(scene: bpy.types.Scene) -> dict[str, Sequence[float]]:
+    """What the menu *Gravity* can say without numbers of its own [m/s²]."""
+    return {"NONE": NO_GRAVITY} | ({"SCENE": gravity_of(scene)} if scene.use_gravity else {})
 
 
 def _give_corrections(settings: bpy.types.PropertyGroup, points: list[float]) -> None:

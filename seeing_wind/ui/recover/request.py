@@ -115,10 +115,15 @@ def scene_values(settings: bpy.types.PropertyGroup) -> dict[str, Any]:
 
 
 def _gravity(scene: bpy.types.Scene, values: dict[str, Any]) -> tuple[float, ...]:
-    """The known acceleration [m/s²]; the scene's own is in its units, as Blender's solvers and its panels understand it."""
+    """(3,) the known acceleration [m/s²]."""
     settings = scene.seeing_wind
     if settings.gravity_mode == "NONE" or (settings.gravity_mode == "SCENE" and not scene.use_gravity):
         return (0.0, 0.0, 0.0)
     if settings.gravity_mode == "CUSTOM":
         return values["gravity"]
+    return gravity_of(scene)
+
+
+def gravity_of(scene: bpy.types.Scene) -> tuple[float, ...]:
+    """(3,) the scene's own [m/s²], on or not; Blender has it in units of the scene, as its solvers and its panels understand it."""
     return tuple(single(value) for value in scene.gravity * metres_per_unit(scene))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import bpy
@@ -52,6 +53,39 @@ def test_reload_into_a_new_file_fills_the_panel(take, workplace) -> None:
     assert steps["clip"].state == "done" and steps["object"].state == "done"
 
 
+@pytest.mark.parametrize(
+    "given, unit, mode",
+    [
+        ([0.0, 0.0, -9.81], 1.0, "SCENE"), ([0.0, 0.0, -9.81], 0.1, "SCENE"), ([0.0, 0.0, 0.0], 1.0, "NONE"),
+        ([0.0, 0.0, -9.8], 1.0, "CUSTOM"), ([0.0, 9.81, 0.0], 1.0, "CUSTOM"),
+    ],
+)  # fmt: skip
+def test_a_gravity_that_is_a_preset_reads_as_one(take, given, unit, mode) -> None:
+    Take(take).finish("solve", "s", {"gravity": given})
+    scene = bpy.context.scene
+    scene.unit_settings.system, scene.unit_settings.scale_length = "METRIC", unit
+    scene.gravity = (0.0, 0.0, -9.81 / unit)
+    bpy.ops.seeing_wind.build_scene(take=str(take))
+    assert scene.seeing_wind.gravity_mode == mode
+
+
+def test_the_scene_s_gravity_is_no_preset_while_it_is_off(take) -> None:
+    Take(take).finish("solve", "s", {"gravity": [0.0, 0.0, -9.81]})
+    bpy.context.scene.use_gravity = False
+    bpy.ops.seeing_wind.build_scene(take=str(take))
+    assert bpy.context.scene.seeing_wind.gravity_mode == "CUSTOM"
+
+
+@pytest.mark.parametrize("given, mode", [([0.0, 0.0, -3.0], "SAME"), ([0.0, 0.0, 0.0], "NONE"), ([0.0, 0.0, -9.81], "CUSTOM")])
+def test_a_gravity_of_an_edit_that_is_a_preset_reads_as_one(take, simulated, given, mode) -> None:
+    edit = take.parent / "edit.toml"
+    edit.write_text(re.sub(r"gravity = .*", f"gravity = {given}", edit.read_text()))
+    bpy.ops.seeing_wind.build_scene(take=str(take))
+    scene = bpy.context.scene
+    import_bodies(scene, simulated, scene.seeing_wind.frame_start)
+    assert scene.seeing_wind.edit_gravity_mode == mode and tuple(scene.seeing_wind.edit_gravity) == pytest.approx(given)
+
+
 def test_settings_that_are_there_are_left_alone(take, workplace) -> None:
     settings = bpy.context.scene.seeing_wind
     settings.clip, settings.distance, settings.box = str(workplace / "clip.mp4"), 7.0, (1.0, 2.0, 30.0, 40.0)
@@ -97,7 +131,7 @@ def test_the_edit_list_is_filled_and_the_object_wears_its_frame(take, simulated)
     settings = scene.seeing_wind
     box, own = settings.bodies
     assert box.object == made["Box"] and box.mass_scale == 3.0 and own.is_recovered
-    assert settings.field_strength == 0.5 and settings.edit_gravity_mode == "CUSTOM"
+    assert settings.field_strength == 0.5 and settings.edit_gravity_mode == "SAME"
     assert [material.name for material in own.baked_copy.data.materials] == [m.name for m in settings.recovered_object.data.materials]
     uv = [np.array([each.vector[:] for each in mesh.uv_layers.active.uv]) for mesh in (own.baked_copy.data, settings.recovered_object.data)]
     assert np.allclose(*uv)

@@ -266,6 +266,11 @@ def _gravity(request: EditRequest, source: Path) -> tuple[float, float, float] |
         return None
     if request.gravity != "SAME":
         return request.gravity
+    return recovered_gravity(source)
+
+
+def recovered_gravity(source: Path) -> tuple[float, float, float]:
+    """What Recover was given in the take `source` [m/s²]. Raises TakeError for a take that says nothing sensible."""
     recovered = Take(source).description().get("stages", {}).get("recover", {}).get("settings", {}).get("gravity", GRAVITY)
     if len(recovered) != 3:
         raise TakeError(f"The gravity in {source} is no vector.", "Run Recover again.")
