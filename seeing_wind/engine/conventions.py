@@ -138,6 +138,7 @@ SCALES = {
     "kg/m²": ((1e-3, "g/m²"), (1.0, "kg/m²")),
     "Pa": ((1.0, "Pa"), (1e3, "kPa"), (1e6, "MPa"), (1e9, "GPa")),
     "N m": ((1e-6, "µN m"), (1e-3, "mN m"), (1.0, "N m")),
+    "B": ((1.0, "B"), (1e3, "kB"), (1e6, "MB"), (1e9, "GB")),
 }
 """In which units a person is told a quantity: each over that of SI, and its name."""
 PLAIN = (1e-9, 1e15)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import errno
+import shutil
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -10,7 +10,8 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ...engine.errors import UsageError
+from ...engine.conventions import in_units
+from ...engine.errors import TakeError, UsageError
 from ...engine.take import Take
 from ..scene_units import metres_per_unit
 from .display import openvdb_available, share
@@ -82,25 +83,43 @@ def write_vdb(scene: bpy.types.Scene, field: bpy.types.Object, folder: Path) -> 
 
 
 def write_file(path: Path, grids: Sequence[tuple[Any, np.ndarray]], vdb: Any) -> Path:
-    """Write grids into a file, and read it again: on a full disk OpenVDB ends without an error, with half a file or an empty one.
+    """Write grids into a file, and read it again: OpenVDB may end without an error with half a file or an empty one, as on a full disk.
 
     Args:
         grids: each with its values from the cell (0, 0, 0) on.
         vdb: the module `openvdb`.
 
     Raises:
-        TakeError: when it cannot be written; what was at `path` is untouched.
+        TakeError: when it cannot be written, or what was written cannot be read; what was at `path` is untouched.
     """
     with Take(path.parent).writing(path.name) as aside:
         try:
             vdb.write(str(aside), grids=[grid for grid, _ in grids])
+        except Exception as error:  # OpenVDB has many, as it has for half a file, after what it takes it for
+            raise TakeError(f"OpenVDB cannot write {path}: {_reason(error, aside, path)}.", _where_room_is(path.parent)) from error
+        try:
             read = {grid.name: grid for grid in vdb.readAll(str(aside))[0]}
-            whole = all(_holds(read[grid.name], values) for grid, values in grids)
-        except Exception:  # OpenVDB has many for half a file, after what it takes it for
-            whole = False
-        if not whole:
-            raise OSError(errno.ENOSPC, "OpenVDB could not read it again, as where the disk is full")
+            wrong = [grid.name for grid, values in grids if grid.name not in read or not _holds(read[grid.name], values)]
+        except Exception as error:
+            said = f"{path} was written, but OpenVDB cannot read it again: {_reason(error, aside, path)}."
+            raise TakeError(said, _where_room_is(path.parent)) from error
+        if wrong:
+            raise TakeError(f"{path} was written, but does not hold what it should of {', '.join(wrong)}.", _where_room_is(path.parent))
     return path
+
+
+def _reason(error: Exception, aside: Path, path: Path) -> str:
+    """What OpenVDB says of a file, by the name that the user gave it."""
+    return str(error).replace(str(aside), str(path)).strip().rstrip(".") or type(error).__name__
+
+
+def _where_room_is(folder: Path) -> str:
+    """What to do about a file that came out wrong. A full disk is one possible cause: how much is free is told where the system says it."""
+    try:
+        free = f"{in_units(shutil.disk_usage(folder).free, 'B')} are free on that disk: make room if that is too little"
+    except OSError:
+        free = "Make room if that disk is full"
+    return f"{free}, or choose another folder; the last good files are kept."
 
 
 def _holds(grid: Any, values: np.ndarray) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import bpy
@@ -49,13 +50,34 @@ def recovered(recovered_file, stand_in) -> None:
     bpy.ops.wm.open_mainfile(filepath=str(recovered_file))
 
 
-@pytest.mark.parametrize("room", [0, 60])
-def test_half_a_vdb_file_is_told_and_not_kept(tmp_path, room) -> None:
+@pytest.mark.parametrize(
+    ("room", "says"), [(0, "OpenVDB cannot read it again: Cannot read grid"), (60, "does not hold what it should of force")]
+)
+def test_half_a_vdb_file_is_told_and_not_kept(tmp_path, monkeypatch, room, says) -> None:
     values = np.random.default_rng(0).normal(size=(2, 4, 3)).astype(np.float32)
     path = write_file(tmp_path / "wind_0002.vdb", [(Grid(values), values)], Vdb(96))
-    with pytest.raises(TakeError, match="Cannot write .*wind_0002.vdb: .*disk is full. Free some space or choose another folder"):
+    monkeypatch.setattr(shutil, "disk_usage", lambda folder: shutil._ntuple_diskusage(10**12, 10**12 - 5 * 10**9, 5 * 10**9))
+    with pytest.raises(TakeError) as raised:
         write_file(path, [(Grid(-values), -values)], Vdb(room))
+    assert raised.value.message == f"{path} was written, but {says}."
+    assert raised.value.hint.startswith("5 GB are free on that disk: make room if that is too little, or choose another folder")
     assert path.read_bytes() == values.tobytes() and list(tmp_path.iterdir()) == [path], "the former one is whole"
+
+
+def test_what_openvdb_says_is_told_where_nobody_knows_how_full_the_disk_is(tmp_path, monkeypatch) -> None:
+    def disk_usage(folder):
+        raise OSError("gone")
+
+    def write(path, grids):
+        raise RuntimeError(f"IoError: {path} is not writable")
+
+    broken, path = Vdb(96), tmp_path / "wind_0002.vdb"
+    monkeypatch.setattr(shutil, "disk_usage", disk_usage)
+    monkeypatch.setattr(broken, "write", write)
+    with pytest.raises(TakeError) as raised:
+        write_file(path, [(Grid(np.zeros(24)), np.zeros(24))], broken)
+    assert raised.value.message == f"OpenVDB cannot write {path}: IoError: {path} is not writable."
+    assert raised.value.hint.startswith("Make room if that disk is full, or ") and not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(("given", "written"), [("wind", "wind.npz"), ("wind.npz", "wind.npz"), ("shot.v002", "shot.v002.npz"), ("", None)])
