@@ -14,14 +14,12 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from ...engine.errors import SeeingWindError, TakeError, UsageError
+from ...engine.errors import SeeingWindError, UsageError
 from ...engine.take import Take
 from ..clip.clip_scene import frame_image
 from ..clip.inputs.clips import check_film, refuse_footage
 from ..clip.inputs.pace import pace_of_scene
 from ..field.display import LEGEND_MARK, SURE
-from ..job import takes
-from ..job.take_reading import field_summary, read_seen
 from ..job.worker import said_by
 from ..scene_units import metres_per_unit
 from . import nodes
@@ -29,9 +27,10 @@ from .catchers import set_catchers
 from .film import drop_lenses, grain_of, lens_of, set_focus, softness_of
 from .hdri import check_hdri
 from .light import light_scene
-from .mattes import IMAGE, Mattes, mattes_of, missing_matte, set_card
+from .mattes import IMAGE, Mattes, check_mattes, mattes_of, set_card
 from .overscan import set_overscan
-from .own import drop_unused, said_of_render, set_output, set_render
+from .own import camera_changes, drop_unused, said_of_render, set_output, set_render
+from .parts import background_of, check_parts, depths_of, plate_of, refuse, take_of
 
 PLATE = "Seeing Wind Clean Plate"
 ASTRAY = 0.01
@@ -69,7 +68,7 @@ class Composite:
     astray: str
     """That the camera stands elsewhere than the clip's did, and what to do; "" where it does not."""
     changed: tuple[str, ...]
-    """What of the scene's render settings is otherwise now, in words."""
+    """What of the camera and of the scene's render settings is otherwise now, in words."""
     lacking: tuple[str, ...]
     """What the engine and the colors that the scene keeps take away."""
 
@@ -109,32 +108,27 @@ def set_up(
         use_cycles, use_standard: change the scene's engine to Cycles, and its view transform to Standard.
 
     Raises:
-        UsageError: without camera and clip, when the clip's file is gone, or without a plate where one is asked for.
-        TakeError: when the folder of the take is gone; a composite that is set up already stays as it is.
+        SeeingWindError: what `check_parts` finds missing, all of it; a composite that is set up already stays as it is.
     """
     settings, clip = scene.seeing_wind, scene.active_clip
-    if scene.camera is None or clip is None:
-        raise UsageError("The scene has no camera with a clip.", "Run Recover on a clip, or load the results of one.")
-    if scene.camera.type != "CAMERA":
-        raise UsageError(f"The scene looks through {scene.camera.name}, which is no camera.", "Make the clip's camera the active one.")
-    check_film(clip)
     again = any(body.is_recovered for body in settings.bodies)
     use_plate = plate == "PLATE" or (plate == "AUTO" and again)
-    take = _take_of(settings)
-    plate_image = _plate(take) if use_plate else None
-    mattes = mattes_of(scene, take) if take is not None else None
-    depths = _depths(take) if take is not None and mattes is not None else None
+    check_parts(scene, use_plate, fstop)
+    take = take_of(settings)
+    plate_image = frame_image(PLATE, plate_of(take)) if use_plate else None
+    mattes, depths = mattes_of(scene, take) if take is not None else None, depths_of(take)
+    changed = camera_changes(scene, fstop)
     set_focus(scene, depths, fstop, pace_of_scene(scene))
     held_out = _hold_out(scene, depths, mattes, use_plate)
     for helper in [obj for obj in scene.objects if SURE in obj or LEGEND_MARK in obj]:  # arrows and their legends
         helper.hide_render = not show_field
-    changed = set_render(scene, use_cycles, use_standard, samples)
+    changed += set_render(scene, use_cycles, use_standard, samples)
     scene.render.use_motion_blur = shutter > 0.0
     if shutter > 0.0:
         scene.render.motion_blur_shutter = shutter
     _background(scene.camera.data, clip)
     catchers = set_catchers(scene, floor, wall)
-    light = light_scene(scene, _background_of(take))
+    light = light_scene(scene, background_of(take))
     noise = grain * grain_of(take) if take is not None else 0.0
     softness = _soften(scene, take, soft)
     lens = lens_of(take, tuple(clip.size)) if take is not None else None
@@ -157,26 +151,15 @@ def render(scene: bpy.types.Scene, path: Path, *, still: bool = False) -> None:
 
     Raises:
         UsageError: when the clip begins before frame 0, where Blender renders nothing, its file, a matte or the panorama is gone, `path` is
-            footage, the scene renders several views, or Blender is rendering already.
+            footage, the scene renders several views, or Blender is rendering already; all of it, where there is more than one of these.
         SeeingWindError: when Blender could not write the file.
     """
-    check_film(scene.active_clip)
-    refuse_footage(path)
-    check_hdri(scene)
-    gone = missing_matte(scene)
-    if gone is not None:
-        raise UsageError(f"There is no file {gone}, which cuts the edit.", "Put the take back, or set the composite up again.")
     if bpy.app.is_job_running("RENDER"):
         raise UsageError("Blender is rendering already.", "Wait for it, or stop it with Esc in its window.")
-    if scene.render.use_multiview:
-        raise UsageError(
-            "Stereoscopy is on, which renders an image for each eye, and the clip has one.", "Switch it off (Properties > Output)."
-        )
-    first = scene.seeing_wind.frame_start
-    if first < 0 and not still:
-        raise UsageError(
-            f"The clip begins at frame {first}, and Blender renders videos from frame 0 on.", "Set First Frame to 1 and press Reload."
-        )
+    refuse(
+        lambda: check_film(scene.active_clip), lambda: refuse_footage(path), lambda: check_hdri(scene), lambda: check_mattes(scene),
+        lambda: _check_output(scene, still),
+    )  # fmt: skip
     path.parent.mkdir(parents=True, exist_ok=True)
     give_back, running = set_output(scene, path, still), False
     call = "EXEC_DEFAULT" if bpy.app.background else "INVOKE_DEFAULT"
@@ -188,6 +171,19 @@ def render(scene: bpy.types.Scene, path: Path, *, still: bool = False) -> None:
         finally:
             if not running:
                 give_back()
+
+
+def _check_output(scene: bpy.types.Scene, still: bool) -> None:
+    """UsageError for a scene of which Blender renders no image per frame, or, for a video, not all frames."""
+    first = scene.seeing_wind.frame_start
+    if scene.render.use_multiview:
+        raise UsageError(
+            "Stereoscopy is on, which renders an image for each eye, and the clip has one.", "Switch it off (Properties > Output)."
+        )
+    if first < 0 and not still:
+        raise UsageError(
+            f"The clip begins at frame {first}, and Blender renders videos from frame 0 on.", "Set First Frame to 1 and press Reload."
+        )
 
 
 def astray(scene: bpy.types.Scene) -> str:
@@ -208,25 +204,11 @@ def astray(scene: bpy.types.Scene) -> str:
     return f"{camera.name} is not where the clip's camera was, so nothing stands where it belongs: make {clips.name} the active camera."
 
 
-def _take_of(settings: bpy.types.PropertyGroup) -> Take | None:
-    """What the scene knows of its clip; None for a scene without a recovery, of which a lone wind is none.
-
-    Raises:
-        TakeError: when its folder is gone: outlines, grain, softness and lens of the clip would be missing.
-    """
-    if not settings.recovered_take or takes.shows_lone(settings):
-        return None
-    folder = takes.shown(settings)
-    if not folder.is_dir():
-        raise TakeError(*takes.gone(folder))
-    return Take(folder)
-
-
 def _hold_out(scene: bpy.types.Scene, depths: np.ndarray | None, mattes: Mattes | None, hidden: bool) -> str:
     """Let the object that is in the clip hide what flies behind it; returns by what, as `Composite.held_out`.
 
     Args:
-        depths: as of `_depths`.
+        depths: as of `depths_of`.
         mattes: None for a take without outlines; then the body does it.
         hidden: the plate covers the object.
     """
@@ -251,32 +233,6 @@ def _soften(scene: bpy.types.Scene, take: Take | None, factor: float) -> float:
         return 0.0
     cycles.pixel_filter_type, cycles.filter_width = "GAUSSIAN", 4.0 * softness
     return softness
-
-
-def _depths(take: Take) -> np.ndarray | None:
-    """Distance of the object's middle along the camera's axis in every frame (T+1,) [m]; None without an object."""
-    seen = read_seen(take, field_summary(take))
-    if seen is None or seen.surface is None:
-        return None
-    poses = np.broadcast_to(seen.camera.camera_to_world, (len(seen.motion), 4, 4))
-    return np.einsum("ti,ti->t", seen.motion.mean(axis=1) - poses[:, :3, 3], poses[:, :3, 2])
-
-
-def _plate(take: Take | None) -> bpy.types.Image:
-    if take is None or not take.file("observation.npz").is_file():
-        raise UsageError("There is no clean plate.", "It comes from recovering a clip; use the clip itself as background.")
-    plate = _background_of(take)
-    if plate is None:
-        raise UsageError(f"{take.path} holds no clean plate.", "Run Recover again, or use the clip itself as background.")
-    return frame_image(PLATE, plate)
-
-
-def _background_of(take: Take | None) -> np.ndarray | None:
-    """What is behind the clip's object (H, W, 3) uint8 sRGB, where the take has it."""
-    if take is None or not take.file("observation.npz").is_file():
-        return None
-    plate = take.read_arrays("observation.npz").get("background")
-    return plate if plate is not None and plate.ndim == 3 else None
 
 
 def _background(camera: bpy.types.Camera, clip: bpy.types.MovieClip) -> None:

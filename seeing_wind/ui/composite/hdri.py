@@ -22,8 +22,7 @@ def set_hdri(scene: bpy.types.Scene) -> Path:
         UsageError: when there is no such file, or it has no more than a screen's range of light.
     """
     settings = scene.seeing_wind
-    path = Path(absolute(settings.hdri))
-    image = _panorama(path, settings.hdri)
+    image = panorama(settings)
     world = scene.world
     if world is None or world.name.split(".")[0] != WORLD:
         settings.former_world = world
@@ -35,7 +34,7 @@ def set_hdri(scene: bpy.types.Scene) -> Path:
     nodes["ShaderNodeTexEnvironment"].image = image
     nodes["ShaderNodeMapping"].inputs["Rotation"].default_value = (0.0, 0.0, settings.hdri_turn)
     nodes["ShaderNodeBackground"].inputs["Strength"].default_value = settings.hdri_strength
-    return path
+    return Path(absolute(settings.hdri))
 
 
 def check_hdri(scene: bpy.types.Scene) -> None:
@@ -60,8 +59,9 @@ def unset_hdri(scene: bpy.types.Scene) -> bool:
     return True
 
 
-def _panorama(path: Path, written: str) -> bpy.types.Image:
-    """The image of a file, as it is on disk now."""
+def panorama(settings: bpy.types.PropertyGroup) -> bpy.types.Image:
+    """The panorama of the settings, as it is on disk now. Raises UsageError as `set_hdri`."""
+    path = Path(absolute(settings.hdri))
     if not path.is_file():
         raise UsageError(f"There is no file {path}.", "Choose a panorama (.hdr or .exr), or clear HDRI.")
     known = {image.name for image in bpy.data.images}
@@ -78,7 +78,7 @@ def _panorama(path: Path, written: str) -> bpy.types.Image:
         raise UsageError(
             f"{path} has no more range than a screen shows: its sun would be as dim as its clouds.", "Choose a panorama in .hdr or .exr."
         )
-    image.filepath = noted(written)
+    image.filepath = noted(settings.hdri)
     return image
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from ...engine.errors import TakeError
+from ...engine.errors import TakeError, UsageError
 from ...engine.masks import Masks
 from ...engine.record_arrays import from_arrays
 from ...engine.take import Take
@@ -151,6 +151,13 @@ def missing_matte(scene: bpy.types.Scene) -> Path | None:
     shown = {Path(absolute(node.image.filepath, node.image.library)) for node in _showing(scene)}
     paths = (first.with_name(_name(t)) for first in sorted(shown) for t in range(frames))
     return next((path for path in paths if not path.is_file()), None)
+
+
+def check_mattes(scene: bpy.types.Scene) -> None:
+    """UsageError for mattes that are gone."""
+    gone = missing_matte(scene)
+    if gone is not None:
+        raise UsageError(f"There is no file {gone}, which cuts the edit.", "Put the take back, or set the composite up again.")
 
 
 def _name(t: int) -> str:

@@ -1,6 +1,6 @@
-"""What is in a scene already: what was set up before, found by its name, which Blender numbers where another scene has the same; which
-of the user's render settings change; and those of the output, which a render of ours gives back. Without NumPy: the panel says beforehand
-what changes."""
+"""What is in a scene already: what was set up before, found by its name, which Blender numbers where another scene has the same; what of
+the user's camera and render settings changes; and those of the output, which a render of ours gives back. Without NumPy: the panel says
+beforehand what changes."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ from typing import Any
 
 import bpy
 
+from ..scene_units import metres_per_unit
+
 AS_FILMED = {
     "view_transform": "Standard", "look": "None", "exposure": 0.0, "gamma": 1.0, "use_curve_mapping": False, "use_white_balance": False,
 }  # fmt: skip
@@ -20,6 +22,8 @@ SETTING = {
     "use_curve_mapping": "use of curves", "use_white_balance": "white balance",
 }  # fmt: skip
 """Words for these."""
+FOCUS = "Seeing Wind Focus"
+"""Name of the empty that the camera is focused on."""
 OUTPUT = (
     ("render", ("filepath", "use_file_extension", "use_compositing", "use_sequencer")),
     ("render.image_settings", ("media_type", "file_format")),
@@ -32,6 +36,9 @@ OUTPUT = (
 )  # fmt: skip
 """What a render of ours sets of a scene's output, or what changes with it, in the order in which it can be set: the later ones depend on
 what the earlier ones are."""
+
+SAME = 1e-5
+"""Relative difference of two numbers that are the same in single precision."""
 
 ENDS = (bpy.app.handlers.render_complete, bpy.app.handlers.render_cancel)
 """Who is told that a render has ended."""
@@ -65,6 +72,30 @@ def changes(scene: bpy.types.Scene, use_cycles: bool, use_standard: bool, sample
         found.append(("render", "film_transparent", True, "film to transparent"))
     for name in _recolors(view) if use_standard else ():
         found.append(("view_settings", name, AS_FILMED[name], _instead(view, name)))
+    return found
+
+
+def camera_changes(scene: bpy.types.Scene, fstop: float) -> list[str]:
+    """What a composite changes of the scene's camera, in words: what the viewport shows behind it, and its depth of field."""
+    camera, clip, focus, found = scene.camera, scene.active_clip, own_object(scene, FOCUS), []
+    if camera is None or camera.type != "CAMERA" or clip is None:
+        return []
+    lens = camera.data.dof
+    if not camera.data.show_background_images:
+        found.append(f"background images of {camera.name} on")
+    if not any(each.clip == clip for each in camera.data.background_images):
+        found.append(f"the clip among the background images of {camera.name}")
+    if not fstop:
+        ours = focus is not None and lens.focus_object == focus
+        return found + [f"depth of field of {camera.name} off"] * (ours and lens.use_dof)
+    if not lens.use_dof:
+        found.append(f"depth of field of {camera.name} on")
+    if lens.focus_object is None or lens.focus_object != focus:
+        former = f" from {lens.focus_object.name}" if lens.focus_object is not None else ""
+        found.append(f"focus of {camera.name}{former} to the clip's object")
+    unit = metres_per_unit(scene)
+    if abs(lens.aperture_fstop / (fstop * unit) - 1.0) > SAME:
+        found.append(f"f-stop of {camera.name} from {lens.aperture_fstop / unit:.3g} to {fstop:.3g}")
     return found
 
 

@@ -1,7 +1,7 @@
 """The panel *Composite*."""
 
 from ..job.panel_pieces import Tab, columns, draw_text, fold, panels
-from .own import changes
+from .own import camera_changes, changes
 from .properties import LOOK
 
 IN_SIGHT = ("floor", "wall", "use_cycles", "use_standard")
@@ -33,7 +33,8 @@ class CompositeTab(Tab):
             if name not in IN_SIGHT:
                 body.prop(settings.composite, name)
         look = settings.composite
-        changed = [words for *_, words in changes(context.scene, look.use_cycles, look.use_standard, look.samples)]
+        changed = camera_changes(context.scene, look.fstop)
+        changed += [words for *_, words in changes(context.scene, look.use_cycles, look.use_standard, look.samples)]
         if changed:
             draw_text(layout, context, f"Set Up Composite changes: {', '.join(changed)}", "INFO")
         column = layout.column()

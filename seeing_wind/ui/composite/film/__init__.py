@@ -6,9 +6,9 @@ focus     the depth of field of its lens
 lens      where its lens shows what is rendered
 """
 
-from .focus import keep_focus, set_focus
+from .focus import check_depths, keep_focus, set_focus
 from .grain import grain_of
 from .lens import Lens, drop_lenses, lens_of
 from .softness import softness_of
 
-__all__ = ["Lens", "drop_lenses", "grain_of", "keep_focus", "lens_of", "set_focus", "softness_of"]
+__all__ = ["Lens", "check_depths", "drop_lenses", "grain_of", "keep_focus", "lens_of", "set_focus", "softness_of"]

@@ -9,9 +9,7 @@ from ....engine.errors import UsageError
 from ...bake.animation import curves_of, make_linear, remove_curves, retime
 from ...clip.inputs.pace import Pace
 from ...scene_units import metres_per_unit
-from ..own import own_object
-
-FOCUS = "Seeing Wind Focus"
+from ..own import FOCUS, own_object
 
 
 def set_focus(scene: bpy.types.Scene, depths: np.ndarray | None, fstop: float, pace: Pace) -> None:
@@ -31,8 +29,7 @@ def set_focus(scene: bpy.types.Scene, depths: np.ndarray | None, fstop: float, p
             lens.use_dof = lens.use_dof and lens.focus_object != focus
             bpy.data.objects.remove(focus)
         return
-    if depths is None:
-        raise UsageError("There is no object to focus on.", "Run Recover on a clip, or set Aperture to 0.")
+    check_depths(depths)
     if focus is None:
         focus = bpy.data.objects.new(FOCUS, None)
         scene.collection.objects.link(focus)
@@ -46,6 +43,12 @@ def set_focus(scene: bpy.types.Scene, depths: np.ndarray | None, fstop: float, p
     make_linear(focus, ["location"])
     # Blender takes a lens of 50 mm for 0.05 units, whatever these are
     lens.use_dof, lens.focus_object, lens.aperture_fstop = True, focus, fstop * unit
+
+
+def check_depths(depths: np.ndarray | None) -> None:
+    """UsageError where the depths of the object (T+1,) are not known: there is nothing to focus on."""
+    if depths is None:
+        raise UsageError("There is no object to focus on.", "Run Recover on a clip, or set Aperture to 0.")
 
 
 def keep_focus(scene: bpy.types.Scene, pace: Pace) -> None:
