@@ -11,6 +11,7 @@ import pytest
 
 from seeing_wind.ui.field.display import FELT, SLOWS, arrows_of
 from seeing_wind.ui.field.library.arrows import show_arrows
+from tests.ui.jobs import recover
 
 CHECK = runpy.run_path(str(Path(__file__).resolve().parents[2] / "blender" / "wind_check.py"), run_name="checks")
 FORCE, BREEZE = "A Force", "The Breeze"
@@ -68,6 +69,22 @@ def test_a_wind_that_is_felt_by_others_does_not_slow_what_feels_the_force(scene)
     weights = first.particle_systems[0].settings.effector_weights
     assert weights.collection is None, "both are forces now"
     assert made.name in scene.objects
+
+
+def test_what_feels_a_wind_does_not_feel_a_force_that_is_loaded_later(scene, workplace):
+    recover(workplace)
+    take = scene.seeing_wind.recovered_take
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    scene = bpy.context.scene
+    obj = CHECK["dust"](scene)
+    CHECK["steady"](scene, "WIND").name = BREEZE
+    bpy.ops.seeing_wind.calibrate(object=obj.name)
+    weights = obj.particle_systems[0].settings.effector_weights
+    assert weights.collection is None, "there is nothing else to feel"
+    before = moved(obj, scene)
+    assert bpy.ops.seeing_wind.build_scene(take=take) == {"FINISHED"}
+    assert scene.seeing_wind.field_object.name not in weights.collection.objects and BREEZE in weights.collection.objects
+    assert moved(obj, scene) == pytest.approx(before, abs=1e-3)
 
 
 def test_force_fields_of_blenders_own_are_felt_beside_either(scene):

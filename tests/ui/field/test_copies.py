@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import runpy
+import tempfile
 from pathlib import Path
 
 import bpy
@@ -10,9 +11,11 @@ import numpy as np
 import pytest
 
 from seeing_wind.ui.field.display import SLOWS, said_of_override, share
+from seeing_wind.ui.field.library import copies
 from seeing_wind.ui.field.library.copies import copies_in, make_independent
 from seeing_wind.ui.field.samples import samples_of
 from tests.ui.extension import switched_on
+from tests.ui.meshes import cube
 
 WIND_CHECK = runpy.run_path(str(Path(__file__).resolve().parents[2] / "blender" / "wind_check.py"), run_name="checks")
 
@@ -123,6 +126,23 @@ def test_a_copy_is_made_independent_before_it_is_calibrated_for(scene, stand_in,
     bpy.context.object.modifiers.new("Dust", "PARTICLE_SYSTEM")
     bpy.ops.seeing_wind.calibrate(field=copy.name)
     assert samples_of(copy).parent == copy
+
+
+def test_copies_and_what_is_left_of_deleted_winds_are_mended_before_a_re_simulation(scene, stand_in, checks, tmp_path, monkeypatch):
+    """By a script in a window: there a change of the frame leaves it to a timer, which does not run between the script's lines."""
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    bpy.app.handlers.frame_change_pre.remove(copies._before_frame)
+    deleted, dust = WIND_CHECK["steady"](scene), WIND_CHECK["dust"](scene)
+    bpy.ops.seeing_wind.calibrate(object=dust.name)
+    bpy.data.objects.remove(deleted)
+    copy = duplicated(checks["swirl_field"](scene))
+    cube("Box")
+    assert bpy.ops.seeing_wind.insert_mesh(object="Box") == {"FINISHED"}
+    assert copies_in(scene) == [copy] and "Wind Still Air" in scene.objects
+    copy.select_set(True)
+    assert bpy.ops.seeing_wind.resimulate() == {"FINISHED"} and scene.seeing_wind.field_object == copy
+    assert samples_of(copy).parent == copy and copies_in(scene) == []
+    assert "Wind Still Air" not in bpy.data.objects
 
 
 @pytest.mark.parametrize("how", ["operator", "data"])
