@@ -43,7 +43,7 @@ def take_folder(settings: bpy.types.PropertyGroup) -> Path:
         return Path(absolute(settings.take))
     stem = re.sub(r"[^\w.-]+", "_", Path(bpy.path.abspath(settings.clip)).stem) or "clip"
     clips = Path(absolute(settings.clip)).parent
-    home = Path(bpy.data.filepath).parent if bpy.data.filepath else _temporary() / _short(str(clips))
+    home = Path(bpy.data.filepath).parent if bpy.data.filepath else temporary() / _short(str(clips))
     scene, own = settings.id_data, Path(settings.started_take).name
     taken = {Path(other.seeing_wind.started_take).name for other in bpy.data.scenes if other != scene}
     names = [own] if re.fullmatch(rf"{re.escape(stem)}(\.[^.]+)?\.take", own) else []
@@ -79,7 +79,7 @@ def _of_another(folder: Path, clip: str) -> str:
 
 def home_of(scene: bpy.types.Scene, name: str) -> Path:
     """Where the take of a wind of that name goes that came into a scene without one: beside the .blend file, or in the temporary folder."""
-    home = Path(bpy.data.filepath).parent if bpy.data.filepath else _temporary() / _short(scene.name)
+    home = Path(bpy.data.filepath).parent if bpy.data.filepath else temporary() / _short(scene.name)
     return home / f"{_plain(name)}.{_plain(scene.name)}.take"
 
 
@@ -117,6 +117,16 @@ def refuse_in_use(folder: Path) -> None:
             f"{folder.name} is in use: `{holder['verb']}` (process {holder['pid']}) has been writing to it since {holder['since']}.",
             "Wait until it has finished, or save this file under another name and duplicate the edit.",
         )
+
+
+def refuse_read_only(folder: Path, hint: str) -> None:
+    """Refuse to begin what writes into a folder that cannot be written, before anything is made for it: TakeError, with `hint`."""
+    there = next(each for each in (folder, *folder.absolute().parents) if each.is_dir())
+    try:
+        with tempfile.TemporaryFile(dir=there):
+            pass
+    except OSError as error:
+        raise TakeError(f"{there} cannot be written: {error.strerror or error}.", hint) from error
 
 
 def own(settings: bpy.types.PropertyGroup) -> str:
@@ -254,14 +264,14 @@ def _is_of(folder: Path, stamp: str) -> bool:
     return False
 
 
-def _temporary() -> Path:
+def temporary() -> Path:
     """A folder of this user's own: the system's temporary folder may be everybody's."""
     return Path(tempfile.gettempdir()) / (f"seeing_wind-{os.getuid()}" if hasattr(os, "getuid") else "seeing_wind")
 
 
 def is_temporary(folder: Path) -> bool:
     """Whether a folder is where takes go until their file is saved."""
-    return _temporary() in folder.parents
+    return temporary() in folder.parents
 
 
 def _plain(name: str) -> str:

@@ -44,6 +44,7 @@ class SEEING_WIND_OT_recover(JobOperator, RecoverOptions, bpy.types.Operator):
         request, python = RecoverRequest.of(scene), engine_python()
         self.digest, self.folder, self.clip = request.digest(), request.take, request.clip
         takes.refuse_of_another(self.folder, self.clip)
+        takes.refuse_read_only(self.folder, "Choose another Take, or save this file into a folder that can be written.")
         takes.bring_along(settings, self.folder)
         request.write_inputs()
         return self._messages(python, request)

@@ -11,9 +11,9 @@ import numpy as np
 
 from ...engine.errors import TakeError
 from ...engine.systems import alive
-from ...engine.take import Take
+from ...engine.take import Take, stamp_of
 from ..field.lattice import SampledField, fine_lattice, lattice
-from ..job import worker
+from ..job import takes, worker
 from ..job.take_reading import field_summary, trajectory
 from ..job.worker_command import command, environment
 
@@ -72,10 +72,10 @@ def places(take: Take) -> Places:
 
 def sampling(python: str, folder: Path) -> worker.Messages:
     """Ask the engine for the field of a take at the places that the scene needs, as a job; `build` reads its answer."""
-    take = Take(folder)
-    _clear_caches(take)
-    points, samples = (take.file(name) for name in own_caches())
-    with take.writing(points.name) as aside:
+    take, home = Take(folder), _home(folder)
+    _clear_caches(home)
+    points, samples = (home.file(name) for name in own_caches())
+    with home.writing(points.name) as aside:
         np.save(aside, places(take).rows())
     options = (str(folder), "--points", str(points), "--out", str(samples))
     return (yield from worker.run(command(python, "sample", *options), cwd=str(folder), env=environment()))
@@ -87,7 +87,7 @@ def read_answer(take: Take, where: Places, frames: int, wind: bool) -> Sampled:
     Raises:
         TakeError: when the answer is not that of this field, or not finite; with `wind`, when it has none.
     """
-    samples, shape = take.read_arrays(own_caches()[1]), (frames, where.rows().shape[1])
+    samples, shape = _home(take.path).read_arrays(own_caches()[1]), (frames, where.rows().shape[1])
     if [np.shape(samples.get(name)) for name in ("force_density", "confidence", "distance")] != [(*shape, 3), shape, shape]:
         raise TakeError(f"The samples in {take.path} do not fit its field.", "Load the results again.")
     if not all(np.isfinite(samples[name]).all() for name in ("force_density", "confidence", "distance")):
@@ -106,15 +106,25 @@ def read_answer(take: Take, where: Places, frames: int, wind: bool) -> Sampled:
     return Sampled(nodes, *(np.concatenate(each, axis=1) for each in (at_arrows, sure_arrows, away_arrows)))
 
 
+def _home(folder: Path) -> Take:
+    """Where the files between Blender and its worker are: in the take's folder, or in the temporary one where that cannot be written, as on
+    a medium or a server's share. Loading writes nothing else."""
+    try:
+        takes.refuse_read_only(folder, "")
+    except TakeError:
+        return Take(takes.temporary() / f"samples-{stamp_of(str(folder))}")
+    return Take(folder)
+
+
 def own_caches() -> tuple[str, str]:
     """Points asked for and samples answered: two Blenders that show one take do not read each other's."""
     points, samples = (name.replace("*", f"{os.getpid()}.") for name in CACHES)
     return points, samples
 
 
-def _clear_caches(take: Take) -> None:
+def _clear_caches(home: Take) -> None:
     """Remove those that Blenders have left which are closed by now."""
-    for path in [path for pattern in CACHES for path in take.path.glob(pattern)]:
+    for path in [path for pattern in CACHES for path in home.path.glob(pattern)]:
         number = path.name.split(".")[1]
         if not (number.isdecimal() and alive(int(number))):
             with contextlib.suppress(OSError):

@@ -35,6 +35,9 @@ class Simulation(JobOperator):
         digest = self.digest_of(scene, request.digest())
         self.folder = takes.edit_folder(settings, source, preview=self.coarse)
         takes.refuse_in_use(self.folder)
+        takes.refuse_read_only(
+            self.folder, f"Save this file into a folder that can be written, put a copy of {source.name} beside it and try again."
+        )
         for body, asked in zip(settings.bodies, request.bodies, strict=True):
             body.result = asked.result
         edit, self.remarks = export_edit(request, scene, source, self.folder, preview=self.coarse)
