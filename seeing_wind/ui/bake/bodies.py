@@ -82,7 +82,7 @@ def _refuse_what_fails(scene: bpy.types.Scene, body: bpy.types.PropertyGroup, fo
         check_file(plan)
 
 
-def clear_body(scene: bpy.types.Scene, body: bpy.types.PropertyGroup) -> bool:
+def clear_body(body: bpy.types.PropertyGroup) -> bool:
     """Take the motion of one body away: its object is as before, a copy that stood in for it is removed. Returns whether there was any."""
     copied = body.baked_copy is not None
     _remove_copy(body)
@@ -219,7 +219,7 @@ def clear_bodies(scene: bpy.types.Scene, name: str) -> int:
     """Take the motion of all bodies away, or of the one of this name; where no body has any, of those that are no longer in the list.
     Returns of how many."""
     settings, left = scene.seeing_wind, [obj for obj in left_in(scene) if name in ("", obj.name, _stands_for(obj))]
-    cleared = 0 if name and left else sum(clear_body(scene, body) for body in _named(list(settings.bodies), name))
+    cleared = 0 if name and left else sum(clear_body(body) for body in _named(list(settings.bodies), name))
     settings.baked_digest = ""
     if cleared:
         return cleared

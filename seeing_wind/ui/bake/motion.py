@@ -80,7 +80,7 @@ def allowed(
     _check_motion(obj, vertices)
     chosen, frames = baked_frames(len(vertices), plan, scene)
     keyed = bake_rigid.fit_for(obj, vertices, plan.reshaped, mark_of(obj) or {}, metres_per_unit(scene))
-    way = way_for(obj, keyed, vertices[chosen], plan, scene)
+    way = way_for(obj, keyed, vertices[chosen], plan)
     if way != TRANSFORM and not _has(obj, plan.stamp):
         _check_mesh(obj, vertices.shape[1])
     return chosen, frames, keyed if way == TRANSFORM else bake_rigid.rigid_fit(vertices), way
@@ -92,11 +92,10 @@ def bake_shape_keys(
     frame_start: int,
     fps: float,
     scene: bpy.types.Scene | None = None,
-    frames_follow_time: bool = False,
     preview: bool = False,
 ) -> bpy.types.Key:
     """`bake_motion` to absolute shape keys, one per frame. Returns the shape key data of the mesh."""
-    bake_motion(obj, vertices, Plan(frame_start, fps, SHAPE_KEYS, frames_follow_time=frames_follow_time, preview=preview), scene)
+    bake_motion(obj, vertices, Plan(frame_start, fps, SHAPE_KEYS, preview=preview), scene)
     return obj.data.shape_keys
 
 
@@ -147,7 +146,7 @@ def awake_on_top(obj: bpy.types.Object) -> list[str]:
 
 
 def baked_copy(
-    obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph, name: str = "", collection: bpy.types.Collection | None = None
+    obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph, name: str, collection: bpy.types.Collection
 ) -> bpy.types.Object:
     """A copy of an object as it is displayed, its modifiers applied: what to bake to where modifiers make vertices, or keys are in use.
 
@@ -155,12 +154,12 @@ def baked_copy(
         obj: a mesh object; its transform stays the copy's.
         depsgraph: evaluated at the frame whose shape is wanted.
         name: of the copy.
-        collection: where to link it, by default where `obj` is.
+        collection: where to link it.
     """
     mesh = bpy.data.meshes.new_from_object(obj.evaluated_get(depsgraph), preserve_all_data_layers=True, depsgraph=depsgraph)
-    copy = bpy.data.objects.new(name or f"{obj.name} Simulated", mesh)
+    copy = bpy.data.objects.new(name, mesh)
     copy.matrix_world = obj.matrix_world.copy()
-    (collection or obj.users_collection[0]).objects.link(copy)
+    collection.objects.link(copy)
     return copy
 
 
@@ -225,7 +224,7 @@ def baked_frames(count: int, plan: Plan, scene: bpy.types.Scene) -> tuple[np.nda
     return chosen, frames[chosen]
 
 
-def way_for(obj: bpy.types.Object, fit: bake_rigid.RigidFit | None, vertices: np.ndarray, plan: Plan, scene: bpy.types.Scene) -> str:
+def way_for(obj: bpy.types.Object, fit: bake_rigid.RigidFit | None, vertices: np.ndarray, plan: Plan) -> str:
     """How the motion is kept: what the plan asks for, or for AUTO what suits it. UsageError for what cannot be."""
     obstacle = bake_rigid.obstacle(obj, mark_of(obj) or {}) or ("" if fit is not None else "its shape keys or modifiers move it")
     rigid = fit is not None and fit.residual <= plan.rigid_tolerance * fit.size

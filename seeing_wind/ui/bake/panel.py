@@ -31,7 +31,7 @@ def _draw_how(column, settings) -> None:
         column.prop(settings, "bake_tolerance")
     if settings.bake_way != "TRANSFORM":
         column.prop(settings, "bake_smooth")
-    draw_range(column, settings, "Frames", "bake_use_frames", "bake_frames")
+    draw_range(column, settings, "bake_use_frames", "bake_frames")
 
 
 CLASSES = panels(BakeTab, 5)

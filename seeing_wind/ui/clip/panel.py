@@ -46,7 +46,7 @@ def _draw_time(layout, settings) -> None:
     if column is None:
         return
     column.prop(settings, "fps", text="FPS (1/s)" if settings.fps else "FPS (0: file's)")
-    draw_range(column, settings, "Frames", "use_frames", "frames")
+    draw_range(column, settings, "use_frames", "frames")
     if settings.use_frames:
         column.label(text=f"Scene frames {settings.frame_start} to {settings.frame_start + last - first}")
     column.prop(settings, "frame_start")

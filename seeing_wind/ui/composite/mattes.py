@@ -165,7 +165,7 @@ def _name(t: int) -> str:
     return f"matte_{t + 1:04}.png"
 
 
-def set_card(scene: bpy.types.Scene, mattes: Mattes | None, depths: Sequence[float]) -> bpy.types.Object | None:
+def set_card(scene: bpy.types.Scene, mattes: Mattes | None, depths: Sequence[float]) -> None:
     """A card before the camera, as far away as the object in every frame, that holds out by the matte: it cuts what flies behind.
 
     Args:
@@ -176,7 +176,7 @@ def set_card(scene: bpy.types.Scene, mattes: Mattes | None, depths: Sequence[flo
     if mattes is None:
         if card is not None:
             bpy.data.objects.remove(card)
-        return None
+        return
     if card is None:
         mesh = bpy.data.meshes.new(CARD)
         card = bpy.data.objects.new(CARD, mesh)
@@ -193,7 +193,6 @@ def set_card(scene: bpy.types.Scene, mattes: Mattes | None, depths: Sequence[flo
         card.scale = (depth / metres_per_unit(scene),) * 3
         card.keyframe_insert("scale", frame=mattes.pace.at + mattes.pace.stride * t)
     make_linear(card, ["scale"])
-    return card
 
 
 def _shape(card: bpy.types.Object, scene: bpy.types.Scene, window: np.ndarray) -> None:

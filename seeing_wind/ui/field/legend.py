@@ -22,7 +22,7 @@ DARK, LIGHT = 0.01, 1.0
 
 def create_legend(
     name: str, peak: float, units: str, corner: np.ndarray, height: float, collection: bpy.types.Collection,
-    parent: bpy.types.Object | None,
+    parent: bpy.types.Object,
 ) -> bpy.types.Object:
     """A bar that stands upright and is read from the front.
 
@@ -30,11 +30,11 @@ def create_legend(
         peak, units: strength at its upper end.
         corner: (3,) its lower right corner in the world [scene units].
         height: [scene units].
-        parent: what it follows, such as the field object.
+        parent: the field object, which it follows.
     """
     # its own place is its parent's: Blender draws a dashed line between the two
-    place = np.asarray(corner) if parent is None else np.array(parent.matrix_basis.translation)
-    aside = np.asarray(corner) - place
+    place = np.array(parent.matrix_basis.translation)
+    aside = corner - place
     rows = np.linspace(0.0, 1.0, CELLS + 1)
     vertices = np.array([(x * WIDTH * height, 0.0, z * height) for z in rows for x in (-1.0, 0.0)])
     faces = [(2 * k, 2 * k + 1, 2 * k + 3, 2 * k + 2) for k in range(CELLS)]
@@ -51,8 +51,7 @@ def create_legend(
     obj[LEGEND_MARK] = True
     obj.location, obj.hide_render, obj.hide_select = place.tolist(), True, True
     collection.objects.link(obj)
-    if parent is not None:
-        obj.parent, obj.matrix_parent_inverse = parent, parent.matrix_basis.inverted()
+    obj.parent, obj.matrix_parent_inverse = parent, parent.matrix_basis.inverted()
     group = GroupBuilder(name)
     written = {f"{in_figures(peak)} {units}": height, in_figures(0.5 * peak): 0.5 * height, "0": 0.0}
     # behind the bar and its figures stands a dark plate, so that they can be read on any footage

@@ -145,11 +145,9 @@ def points_of_current_frame(
     ).outputs["Selection"]
 
 
-def set_up_modifier(obj: bpy.types.Object, tree: bpy.types.NodeTree) -> bpy.types.Modifier:
+def set_up_modifier(obj: bpy.types.Object, tree: bpy.types.NodeTree) -> None:
     """Put a group on an object as its modifier."""
-    modifier = obj.modifiers.new(tree.name, "NODES")
-    modifier.node_group = tree
-    return modifier
+    obj.modifiers.new(tree.name, "NODES").node_group = tree
 
 
 def modifier_input(modifier: bpy.types.Modifier, name: str) -> tuple[Any, str] | None:

@@ -248,9 +248,9 @@ def draw_engine(layout, context, button: bool = True) -> None:
         draw_failure(layout, context, problem, button)
 
 
-def draw_range(column, settings, heading: str, tick: str, numbers: str) -> None:
-    """The first and the last of what is used, a property `numbers` of two, behind the tick that there is less than all."""
-    row = column.row(heading=heading)
+def draw_range(column, settings, tick: str, numbers: str) -> None:
+    """The first and the last frame that is used, a property `numbers` of two, behind the tick that there are less than all."""
+    row = column.row(heading="Frames")
     row.prop(settings, tick, text="")
     sub = row.row(align=True)
     if getattr(settings, tick):

@@ -8,7 +8,8 @@ import pytest
 from mathutils import Euler
 
 from seeing_wind.engine.errors import UsageError
-from seeing_wind.ui.bake.motion import bake_shape_keys, baked_copy, clear_bake
+from seeing_wind.ui.bake.motion import bake_motion, bake_shape_keys, baked_copy, clear_bake
+from seeing_wind.ui.bake.plan import SHAPE_KEYS, Plan
 from seeing_wind.ui.bake.shapes import evaluation_time_curves
 from tests.ui.meshes import shown
 
@@ -55,7 +56,7 @@ def test_bake_replaces_a_former_one_and_clears(grid):
 def test_speed_is_kept_at_another_frame_rate(grid):
     bpy.context.scene.render.fps = 60
     motion = motion_of(grid, 4)
-    bake_shape_keys(grid, motion, 1, 30.0, frames_follow_time=True)
+    bake_motion(grid, motion, Plan(1, 30.0, SHAPE_KEYS, frames_follow_time=True))
     assert np.abs(shown(grid, 1 + 2 * 3) - motion[3]).max() < 1e-5
 
 
@@ -84,7 +85,7 @@ def test_copy_takes_a_bake_where_modifiers_make_vertices(grid):
     motion = motion_of(grid, 3)
     with pytest.raises(UsageError, match="25 vertices, the simulation 81"):
         bake_shape_keys(grid, motion, 1, 24.0)
-    copy = baked_copy(grid, bpy.context.evaluated_depsgraph_get())
+    copy = baked_copy(grid, bpy.context.evaluated_depsgraph_get(), "Grid Simulated", grid.users_collection[0])
     bake_shape_keys(copy, motion, 1, 24.0)
     assert np.abs(shown(copy, 4) - motion[3]).max() < 1e-5
 

@@ -163,11 +163,6 @@ def version_of(candidate: str) -> tuple[int, int] | None:
         return None
 
 
-def answers(python: str, code: str) -> bool:
-    """Whether `python` runs `code` without an error."""
-    return said_by([python], f"{code}; print('yes')").strip() == "yes"
-
-
 def said_by(python: list[str], code: str) -> str:
     """What `python -c code` prints; "" where it is not there or hangs."""
     try:

@@ -20,7 +20,7 @@ from ..worker_command import ROOT, command, environment
 from . import environment as engine_environment
 from . import standalone
 from .choices import folder_of_wheels
-from .environment import MARKER, NoOnlineAccess, answers, base_python, executable, user_environment
+from .environment import MARKER, NoOnlineAccess, base_python, executable, said_by, user_environment
 
 CACHE = "downloads"
 """Folder of pip's cache inside the environment's."""
@@ -151,7 +151,7 @@ def torch_index(platform: str = sys.platform) -> list[str]:
 
 def _runs(python: str) -> bool:
     """Whether an environment that an earlier try left has a Python with pip."""
-    return Path(python).is_file() and answers(python, "import pip")
+    return Path(python).is_file() and said_by([python], "import pip; print('yes')").strip() == "yes"
 
 
 def _told(messages: worker.Messages, program: Program) -> worker.Messages:
