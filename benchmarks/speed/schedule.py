@@ -28,8 +28,8 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT)]  # a script of the source tree: it runs with the package installed or not
 
+from benchmarks.scenes.gusts import GustField  # noqa: E402
 from seeing_wind.engine.command.trajectories.bodies import read_trajectories  # noqa: E402
-from seeing_wind.engine.field.analytic import GustField  # noqa: E402
 from seeing_wind.engine.look.report.accuracy import field_errors, uniform_errors  # noqa: E402
 from seeing_wind.engine.mpm.model_for import model_for  # noqa: E402
 from seeing_wind.engine.mpm.rollout import advance  # noqa: E402

@@ -14,10 +14,10 @@ import cv2
 import numpy as np
 import pytest
 
+from benchmarks.scenes.gusts import GustField
 from seeing_wind.engine import __version__
 from seeing_wind.engine.command.arguments import parser
 from seeing_wind.engine.errors import DONE_WITH_WARNINGS, UsageError
-from seeing_wind.engine.field import GustField
 from seeing_wind.engine.field.confidence import ConfidenceMap
 from seeing_wind.engine.field.representations.point import ForceFieldPoint
 from seeing_wind.engine.progress import NoProgress, Progress
@@ -206,7 +206,7 @@ def windy(tmp_path: Path) -> Path:
     """A take with a field of 4 frames, and points p.npy of the first beside it."""
     (tmp_path / "windy.take").mkdir()
     box = np.array([[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]])
-    GustField(1, box, 25.0, 4, np.zeros(3), 2.0).save(tmp_path / "windy.take" / "field.safetensors")
+    GustField(1, box, 25.0, 4, np.zeros(3), 2.0, wavelength=1.0, period=0.8).save(tmp_path / "windy.take" / "field.safetensors")
     np.save(tmp_path / "p.npy", np.random.default_rng(0).uniform(size=(20_000, 3)))
     return tmp_path / "windy.take"
 

@@ -12,8 +12,8 @@ import pytest
 from seeing_wind.engine.command.arguments import parser
 from seeing_wind.engine.command.verbs import VERBS
 from seeing_wind.engine.errors import ClipError, UsageError
-from seeing_wind.engine.field import GustField
 from seeing_wind.engine.progress import NoProgress
+from tests.engine.fields import UniformField
 
 MINE = b"mine, and the only copy"
 
@@ -78,7 +78,7 @@ def test_so_do_trajectories(tmp_path: Path) -> None:
 def test_so_do_an_edit_and_the_meshes_that_it_names(mine, tmp_path: Path) -> None:
     take, edit = tmp_path / "windy.take", tmp_path / "edit.toml"
     take.mkdir()
-    GustField(1, np.array([[0.0] * 3, [1.0] * 3]), 25.0, 4, np.zeros(3), 2.0).save(take / "field.safetensors")
+    UniformField(np.array([[0.0] * 3, [1.0] * 3]), 25.0, 4, np.zeros(3)).save(take / "field.safetensors")
     mesh = mine("bodies/leaf.npz")
     edit.write_text('[[body]]\nname = "leaf"\nmesh = "own/bodies/leaf.npz"\n')
     refused(mesh, "resimulate", take, "--edit", edit, "--take", mesh.parents[1], says="leaf.npz of .* lies in the take")

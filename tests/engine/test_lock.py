@@ -76,11 +76,11 @@ def test_what_the_holder_has_not_written_yet_does_not_matter(tmp_path: Path) -> 
 def test_the_worker_refuses_a_take_that_is_held_and_reads_one_all_the_same(tmp_path: Path) -> None:
     import numpy as np
 
-    from seeing_wind.engine.field import GustField
+    from tests.engine.fields import UniformField
 
     folder = tmp_path / "leaf.take"
     folder.mkdir()
-    GustField(1, np.array([[-1.0] * 3, [1.0] * 3]), 24.0, 4, np.array([0.0, 0.0, 20.0]), 10.0).save(folder / "field.safetensors")
+    UniformField(np.array([[-1.0] * 3, [1.0] * 3]), 24.0, 4, np.array([0.0, 0.0, 20.0])).save(folder / "field.safetensors")
     (tmp_path / "edit.toml").write_text('[[body]]\nname = "a"\nmesh = "a.obj"\n')
     (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     np.save(tmp_path / "points.npy", np.zeros((1, 3)))

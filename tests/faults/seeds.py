@@ -8,8 +8,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from benchmarks.scenes.gusts import GustField
 from seeing_wind.engine.conventions import front_view
-from seeing_wind.engine.field.analytic import GustField
 from seeing_wind.engine.field.confidence import ConfidenceMap
 from seeing_wind.engine.field.representations.triplane import CausalTriPlane, ForceFieldTriPlane
 from seeing_wind.engine.materials import find
@@ -91,4 +91,4 @@ def _take(take: Take) -> None:
     ForceFieldTriPlane(BOX, FPS, 4, module, 1.0, sure).save(take.file("field.safetensors"))
     gusts = Take(take.path.with_name("gusts.take"))
     gusts.path.mkdir(exist_ok=True)
-    GustField(1, BOX, FPS, 4, np.zeros(3), 2.0).save(gusts.file("field.safetensors"))
+    GustField(1, BOX, FPS, 4, np.zeros(3), 2.0, wavelength=1.0, period=0.8).save(gusts.file("field.safetensors"))

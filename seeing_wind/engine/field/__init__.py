@@ -8,7 +8,7 @@
     optimisers.py    torch's, which start sooner
 """
 
-from .analytic import ForceFieldAnalytic, GustField, UniformField
+from .analytic import ForceFieldAnalytic
 from .distillation import distill
 from .force_field import ForceField
 from .sampling import distances, export_field, read_points, sample_points
@@ -17,8 +17,6 @@ from .storage import load_field
 __all__ = [
     "ForceField",
     "ForceFieldAnalytic",
-    "GustField",
-    "UniformField",
     "distances",
     "distill",
     "export_field",

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from seeing_wind.engine.field import GustField, distillation
+from benchmarks.scenes.gusts import GustField
+from seeing_wind.engine.field import distillation
 from seeing_wind.engine.records import Outcome, Particles, Recovery
 
 BOX = np.array([[-0.5, -0.3, -0.5], [0.5, 0.3, 0.5]])

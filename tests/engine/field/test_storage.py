@@ -11,8 +11,9 @@ import torch
 from safetensors import safe_open
 from safetensors.numpy import load_file, save_file
 
+from benchmarks.scenes.gusts import GustField
 from seeing_wind.engine.errors import TakeError
-from seeing_wind.engine.field import GustField, distill, load_field
+from seeing_wind.engine.field import distill, load_field
 
 from .conftest import BOX, FPS, recovery_of
 
@@ -177,5 +178,5 @@ def test_a_folder_that_is_not_there(known_wind, tmp_path):
 
 def test_files_are_the_same_for_the_same_field(tmp_path):
     for name in "ab":
-        GustField(1, BOX, FPS, 5, np.zeros(3), 2.0).save(tmp_path / name)
+        GustField(1, BOX, FPS, 5, np.zeros(3), 2.0, wavelength=1.0, period=0.8).save(tmp_path / name)
     assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()

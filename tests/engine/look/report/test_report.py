@@ -11,7 +11,6 @@ import pytest
 
 from seeing_wind.engine.conventions import front_view
 from seeing_wind.engine.errors import ClipError
-from seeing_wind.engine.field import UniformField
 from seeing_wind.engine.look.report import report as module
 from seeing_wind.engine.look.report import write_overlay, write_report, write_trajectory_report
 from seeing_wind.engine.look.report.figure import GREY
@@ -19,6 +18,7 @@ from seeing_wind.engine.progress import Cancelled, NoProgress, Progress
 from seeing_wind.engine.records import Attachment, Body, Camera, Gaussians, Material, Observation, Outcome, Particles, Recovery, Surface
 from seeing_wind.engine.recovery.journal import TakeJournal
 from seeing_wind.engine.take import Take, stamp_of
+from tests.engine.fields import UniformField
 
 FRAMES, COUNT, FPS = 5, 40, 20.0
 BOX = np.array([[-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]])

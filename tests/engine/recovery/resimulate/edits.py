@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from seeing_wind.engine.field.analytic import ForceFieldAnalytic, UniformField
+from seeing_wind.engine.field.analytic import ForceFieldAnalytic
 from seeing_wind.engine.recovery.resimulate import simulate_bodies
 from seeing_wind.engine.settings import BodyEdit, Edit
+from tests.engine.fields import UniformField
 
 FPS, FRAMES = 30.0, 8
 BOX = np.array([[-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]])

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.errors import MaterialError, SimulationError, UsageError
-from seeing_wind.engine.field.analytic import UniformField
 from seeing_wind.engine.materials import SHEETS
 from seeing_wind.engine.progress import Cancelled, NoProgress, Progress
 from seeing_wind.engine.recovery import journal as journals
@@ -18,6 +17,7 @@ from seeing_wind.engine.recovery.resimulate import simulate_bodies
 from seeing_wind.engine.recovery.resimulate.sheets import enter, is_shell, sheet_of
 from seeing_wind.engine.settings import BodyEdit, ColliderEdit, Edit
 from seeing_wind.engine.take import Take
+from tests.engine.fields import UniformField
 
 trimesh = pytest.importorskip("trimesh")
 BOX = np.array([[-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]])

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.errors import MaterialError, SimulationError, UsageError
-from seeing_wind.engine.field.analytic import UniformField
 from seeing_wind.engine.materials import find
 from seeing_wind.engine.progress import Cancelled, Journal, NoProgress, Progress
 from seeing_wind.engine.recovery import journal as journals
@@ -17,6 +16,7 @@ from seeing_wind.engine.recovery.resimulate import simulate_bodies
 from seeing_wind.engine.recovery.resimulate.in_field import extrapolate
 from seeing_wind.engine.settings import BodyEdit, ColliderEdit, Edit
 from seeing_wind.engine.take import Take
+from tests.engine.fields import UniformField
 from tests.engine.recovery.resimulate.edits import BOX, FPS, FRAMES, SOFT, WEIGHTLESS, run, uniform, waves
 
 trimesh = pytest.importorskip("trimesh")

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from seeing_wind.engine.field import UniformField
 from seeing_wind.engine.recovery.resimulate import simulate_bodies
 from seeing_wind.engine.settings import BodyEdit, Edit
+from tests.engine.fields import UniformField
 from tests.engine.recovery.wind.blown_plate import AREAL_DENSITY, FPS, FRAMES, SPEED, travelled
 
 BOX = np.array([[-1.0, -1.0, -1.0], [1.0, 1.0, 3.0]])

@@ -11,12 +11,13 @@ import pytest
 from seeing_wind.engine.command.arguments import parser
 from seeing_wind.engine.command.verbs import VERBS
 from seeing_wind.engine.errors import ObjectError, TakeError, UsageError
-from seeing_wind.engine.field import UniformField, distill, distillation, load_field
+from seeing_wind.engine.field import distill, distillation, load_field
 from seeing_wind.engine.progress import NoProgress
 from seeing_wind.engine.record_arrays import to_arrays
 from seeing_wind.engine.recovery.wind.stage import FIELD, read_wind, wind_stage
 from seeing_wind.engine.settings import RecoverSettings, WindSettings
 from seeing_wind.engine.take import Take
+from tests.engine.fields import UniformField
 from tests.engine.recovery.wind.blown_plate import FPS, FRAMES, SPEED
 
 SOLVING = RecoverSettings(gravity=(0.0, 0.0, 0.0))
