@@ -6,13 +6,16 @@ import json
 from abc import ABC, abstractmethod
 from os import PathLike
 from pathlib import Path
-from typing import ClassVar, Self
+from typing import TYPE_CHECKING, ClassVar, Self
 
 import numpy as np
 from safetensors.numpy import save
 
 from ..conventions import FARTHEST, FRAME_RATES, in_units
 from ..errors import TakeError, UsageError
+
+if TYPE_CHECKING:
+    from .confidence import ConfidenceMap
 
 VERSION = 2
 """Version of the field file. 2: the confidence's points count from an origin; files of version 1 are read, too."""
@@ -37,6 +40,9 @@ class ForceField(ABC):
 
     kind = "force"
     """force: the values are force densities [N/m³]. wind: they are velocities of the air [m/s], and so where this class says force."""
+
+    confidence: ConfidenceMap | None = None
+    """Where the field can be trusted; None: everywhere."""
 
     def __init__(self, box: np.ndarray, fps: float, frames: int) -> None:
         self.box = np.array(box, dtype=np.float64)
@@ -87,9 +93,11 @@ class ForceField(ABC):
             "fps": repr(self.fps),
             "frames": str(self.frames),
             **({} if self.kind == "force" else {"kind": self.kind}),
+            **({} if self.confidence is None else {"reach": repr(self.confidence.reach)}),
             **self._metadata(),
         }
-        content = save({key: np.ascontiguousarray(value) for key, value in self._tensors().items()}, metadata)
+        tensors = self._tensors() | ({} if self.confidence is None else self.confidence.tensors())
+        content = save({key: np.ascontiguousarray(value) for key, value in tensors.items()}, metadata)
         try:
             Path(path).write_bytes(_reproducible(content))
         except OSError as error:
@@ -110,19 +118,19 @@ class ForceField(ABC):
 
     @abstractmethod
     def _tensors(self) -> dict[str, np.ndarray]:
-        """Everything that the file must hold."""
+        """Everything that the file must hold besides the confidence."""
 
     def _metadata(self) -> dict[str, str]:
         """Metadata beyond what every field has."""
         return {}
 
     def _confidence(self, points: np.ndarray, frame: int) -> np.ndarray:
-        """Confidence (M,): one, unless a representation knows better."""
-        return np.ones(len(points))
+        """Confidence (M,) at valid points."""
+        return np.ones(len(points)) if self.confidence is None else self.confidence.at(points, frame)
 
     def _away(self, points: np.ndarray, frame: int) -> tuple[np.ndarray, np.ndarray]:
-        """See `away`: nowhere, unless a representation knows better."""
-        return np.zeros(len(points)), np.zeros(points.shape)
+        """See `away`."""
+        return (np.zeros(len(points)), np.zeros(points.shape)) if self.confidence is None else self.confidence.away(points, frame)
 
     def _checked(self, points: np.ndarray, frame: int) -> np.ndarray:
         points = np.asarray(points, dtype=np.float64)

@@ -68,6 +68,7 @@ class ForceFieldNeural(ForceField):
     """
 
     module_class: ClassVar[type[NeuralModule]]
+    confidence: ConfidenceMap
 
     def __init__(self, box: np.ndarray, fps: float, frames: int, module: NeuralModule, scale: float, confidence: ConfidenceMap) -> None:
         super().__init__(box, fps, frames)
@@ -86,21 +87,14 @@ class ForceFieldNeural(ForceField):
         rows = [torch.autograd.grad(force[:, axis].sum(), s, retain_graph=axis < 2)[0] for axis in range(3)]
         return torch.stack(rows, dim=1).numpy() / (self.box[1] - self.box[0])
 
-    def _confidence(self, points: np.ndarray, frame: int) -> np.ndarray:
-        return self.confidence.at(points, frame)
-
-    def _away(self, points: np.ndarray, frame: int) -> tuple[np.ndarray, np.ndarray]:
-        return self.confidence.away(points, frame)
-
     def _normalised(self, points: np.ndarray) -> torch.Tensor:
         return torch.from_numpy((points - self.box[0]) / (self.box[1] - self.box[0]))
 
     def _tensors(self) -> dict[str, np.ndarray]:
-        weights = {f"module.{key}": value.numpy().astype(np.float32) for key, value in self.module.state_dict().items()}
-        return {**weights, **self.confidence.tensors()}
+        return {f"module.{key}": value.numpy().astype(np.float32) for key, value in self.module.state_dict().items()}
 
     def _metadata(self) -> dict[str, str]:
-        return {"shape": json.dumps(self.module.shape), "scale": repr(self.scale), "reach": repr(self.confidence.reach)}
+        return {"shape": json.dumps(self.module.shape), "scale": repr(self.scale)}
 
     @classmethod
     def from_file(cls, tensors: dict[str, np.ndarray], metadata: dict[str, str], box: np.ndarray, fps: float, frames: int) -> Self:

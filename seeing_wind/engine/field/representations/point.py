@@ -37,17 +37,8 @@ class ForceFieldPoint(ForceField):
     def _gradient(self, points: np.ndarray, frame: int) -> np.ndarray:
         return np.zeros((len(points), 3, 3))
 
-    def _confidence(self, points: np.ndarray, frame: int) -> np.ndarray:
-        return self.confidence.at(points, frame)
-
-    def _away(self, points: np.ndarray, frame: int) -> tuple[np.ndarray, np.ndarray]:
-        return self.confidence.away(points, frame)
-
     def _tensors(self) -> dict[str, np.ndarray]:
-        return {"x": self.x, "force_density": self.force_density, **self.confidence.tensors()}
-
-    def _metadata(self) -> dict[str, str]:
-        return {"reach": repr(self.confidence.reach)}
+        return {"x": self.x, "force_density": self.force_density}
 
     @classmethod
     def from_file(cls, tensors: dict[str, np.ndarray], metadata: dict[str, str], box: np.ndarray, fps: float, frames: int) -> Self:
