@@ -16,6 +16,7 @@ from ...engine.take import Take
 from ..job.worker import said_by
 from .animation import make_linear, remove_curves
 from .plan import ALEMBIC, USD
+from .shapes import key_time
 
 MODIFIER = "Seeing Wind Cache"
 ACTOR = "SeeingWindCache"
@@ -157,12 +158,7 @@ def _acting(obj: bpy.types.Object, local: np.ndarray, frames: np.ndarray, scene:
     try:
         for coordinates in local:
             actor.shape_key_add(from_mix=False).data.foreach_set("co", coordinates.astype(np.float32).ravel())
-        key = mesh.shape_keys
-        key.use_relative = False
-        for frame, block in ((frames[0], key.key_blocks[0]), (frames[-1], key.key_blocks[-1])):
-            key.eval_time = block.frame
-            key.keyframe_insert("eval_time", frame=float(frame))
-        make_linear(key, ["eval_time"])
+        key_time(mesh.shape_keys, frames)
         for each in selected:
             each.select_set(False)
         actor.select_set(True)

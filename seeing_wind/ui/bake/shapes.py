@@ -21,14 +21,18 @@ def bake(obj: bpy.types.Object, local: np.ndarray, clip_frames: np.ndarray, fram
         block = obj.shape_key_add(name=f"Frame {clip_frame}", from_mix=False)
         block.interpolation = "KEY_LINEAR"
         block.data.foreach_set("co", coordinates.astype(np.float32).ravel())
-    key = obj.data.shape_keys
+    key_time(obj.data.shape_keys, frames)
+    obj.active_shape_key_index = 0
+    obj.data.update()
+
+
+def key_time(key: bpy.types.Key, frames: np.ndarray) -> None:
+    """Let shape keys follow one another as absolute ones, over scene frames (P,)."""
     key.use_relative = False
     for frame, block in ((frames[0], key.key_blocks[0]), (frames[-1], key.key_blocks[-1])):
         key.eval_time = block.frame
         key.keyframe_insert("eval_time", frame=float(frame))
     make_linear(key, ["eval_time"])
-    obj.active_shape_key_index = 0
-    obj.data.update()
 
 
 def clear(obj: bpy.types.Object) -> None:
