@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 import torch
-from scipy.linalg import eigh
+from scipy.linalg import cho_factor, cho_solve, eigh
 from scipy.optimize import brentq
 
 from ...field.optimisers import LBFGS
@@ -219,10 +219,18 @@ def mismatch_scale(prior: Prior, objective: Objective, point: Linearisation, sca
         best = better
 
 
+def linearised_evidence(point: Linearisation, precision: np.ndarray) -> float:
+    """Logarithm of the evidence of the data under a prior (Laplace's approximation), but for their constant and the whitening's volume."""
+    data = point.jacobian.T @ point.theta - point.residual
+    pull = point.jacobian @ data
+    total = cho_factor(point.normal + precision, lower=True)
+    volume = np.log(np.diag(total[0])).sum() - 0.5 * np.linalg.slogdet(precision)[1]
+    return float(0.5 * (pull @ cho_solve(total, pull) - data @ data) - volume)
+
+
 def prefer_belief(belief: Prior, other: Prior, point: Linearisation, odds: float = PRIOR.stretch_log_odds) -> Prior:
     """`belief`, unless the evidence at `point` favours the other prior by more than the log odds `odds`."""
-    pull = point.normal @ point.theta - point.jacobian @ point.residual
-    evidence = []
+    pull, evidence = point.pull, []
     for prior in (belief, other):
         precision = prior.precision()
         total = precision + point.normal

@@ -87,9 +87,8 @@ def learn_hyperparameters(
         other = objective.mismatched(scale)
         white = other.whiten(objective.unwhitened(np.concatenate([point.jacobian, point.residual[None]])))
         point = Linearisation.at(point.theta, white[-1].astype(np.float64), white[:-1])
-        pull = point.normal @ point.theta - point.jacobian @ point.residual
         objective = other
-        prior = prior_along(learn_kernel(prior, point.normal, pull, expected, check, journal), forward, path, expected, objective)
+        prior = prior_along(learn_kernel(prior, point.normal, point.pull, expected, check, journal), forward, path, expected, objective)
     return _with_stretch_belief(prior, forward, path, point, objective), point, objective
 
 

@@ -40,6 +40,11 @@ class Linearisation:
         """From point, residual and Jacobian."""
         return Linearisation(theta, residual, jacobian, (jacobian @ jacobian.T).astype(np.float64))
 
+    @property
+    def pull(self) -> np.ndarray:
+        """(n,) J'(J theta - r): right side of the normal equations (J'J + P) mean = pull of the linearised problem."""
+        return self.normal @ self.theta - self.jacobian @ self.residual
+
 
 @dataclass(frozen=True)
 class Solution:
@@ -56,7 +61,7 @@ class Solution:
 
     @property
     def pull(self) -> np.ndarray:
-        """(n,) J'(J theta - r): right side of the normal equations (J'J + P) mean = pull of the linearised problem."""
+        """(n,) that of the last linearisation with theta and its residuals."""
         return self.point.normal @ self.theta - self.point.jacobian @ self.residual
 
 

@@ -13,12 +13,11 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 
 from ...field.confidence import farthest_points
 from ...progress import NoProgress, Progress
 from ..prior.basis import SpatialBasis, hats, knots
-from ..prior.evidence import maximise_evidence
+from ..prior.evidence import linearised_evidence, maximise_evidence
 from ..prior.kernel import Kernel, Places, Prior
 from ..solve.gauss_newton import Linearisation, Solution, solve
 from .felt import Felt
@@ -160,8 +159,7 @@ def solved(
     for number in range(ROUNDS):
         progress.update((number + 0.5) / (ROUNDS + 1), "finding the wind")
         point = problem.linearise(theta, shares)
-        pull = point.normal @ theta - point.jacobian @ point.residual
-        prior = replace(prior, kernel=maximise_evidence(prior, point.normal, pull, None, progress.check))
+        prior = replace(prior, kernel=maximise_evidence(prior, point.normal, point.pull, check=progress.check))
         shares = _best_shares(problem, prior, theta, shares)
         theta = _most_probable(problem, prior, theta, shares).theta
     point = problem.linearise(theta, shares)
@@ -196,16 +194,9 @@ def _most_probable(problem: Problem, prior: Prior, theta: np.ndarray, shares: tu
 
 
 def log_evidence(problem: Problem, prior: Prior, theta: np.ndarray, shares: tuple[float, float]) -> float:
-    """Of the data, linearised at theta (Laplace's approximation)."""
-    point, precision = problem.linearise(theta, shares), prior.precision()
-    data = point.jacobian.T @ theta - point.residual
-    pull = point.jacobian @ data
-    total = cho_factor(point.normal + precision, lower=True)
-    volume = np.log(np.diag(total[0])).sum() - 0.5 * np.linalg.slogdet(precision)[1]
-    noise = problem.noise(shares)
-    return float(
-        0.5 * (pull @ cho_solve(total, pull) - data @ data) - volume - np.log(noise).sum() - 0.5 * math.log(2.0 * math.pi) * noise.size
-    )
+    """Of the data, linearised at theta."""
+    noise, found = problem.noise(shares), linearised_evidence(problem.linearise(theta, shares), prior.precision())
+    return float(found - np.log(noise).sum() - 0.5 * math.log(2.0 * math.pi) * noise.size)
 
 
 def _best_shares(problem: Problem, prior: Prior, theta: np.ndarray, shares: tuple[float, float]) -> tuple[float, float]:

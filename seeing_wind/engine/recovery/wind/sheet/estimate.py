@@ -12,13 +12,12 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import least_squares
 
 from ....mpm.shell import Shell
 from ....progress import Journal, NoProgress, Progress
 from ...prior.basis import hats, spatial_basis
-from ...prior.evidence import maximise_evidence
+from ...prior.evidence import linearised_evidence, maximise_evidence
 from ...prior.kernel import Kernel, Prior
 from ...solve.gauss_newton import Solution, solve
 from ..drag import area_normals
@@ -223,8 +222,7 @@ def _learn(problem: SheetProblem, prior: Prior, theta: np.ndarray, path: np.ndar
 def _with_kernel(problem: SheetProblem, prior: Prior, theta: np.ndarray) -> Prior:
     """With the hyperparameters of greatest evidence about theta (n,)."""
     point = problem.linearise(theta)
-    pull = point.normal @ theta - point.jacobian @ point.residual
-    return replace(prior, kernel=maximise_evidence(prior, point.normal, pull, None, problem.check))
+    return replace(prior, kernel=maximise_evidence(prior, point.normal, point.pull, check=problem.check))
 
 
 def _likeliest(problem: SheetProblem, prior: Prior, theta: np.ndarray, kind: str, several: Sequence[float]) -> SheetProblem:
@@ -291,10 +289,5 @@ def _forces(follower: Follower, fields: np.ndarray, path: np.ndarray) -> tuple[n
 
 
 def _log_evidence(problem: SheetProblem, prior: Prior, theta: np.ndarray) -> float:
-    """Of the data, linearised at theta (Laplace's approximation)."""
-    point, precision = problem.linearise(theta), prior.precision()
-    data = point.jacobian.T @ theta - point.residual
-    pull = point.jacobian @ data
-    total = cho_factor(point.normal + precision, lower=True)
-    volume = np.log(np.diag(total[0])).sum() - 0.5 * np.linalg.slogdet(precision)[1]
-    return float(0.5 * (pull @ cho_solve(total, pull) - data @ data) - volume - np.log(np.diag(problem.factor)).sum())
+    """Of the data, linearised at theta."""
+    return float(linearised_evidence(problem.linearise(theta), prior.precision()) - np.log(np.diag(problem.factor)).sum())
