@@ -1,4 +1,4 @@
-"""Triangle meshes as solids: what is closed, how much it holds, and which points lie inside."""
+"""Triangle meshes as solids: what is closed, how much it holds, which points lie on it, and which inside."""
 
 from __future__ import annotations
 
@@ -16,6 +16,20 @@ def triangle_areas(vertices: np.ndarray, triangles: np.ndarray) -> tuple[np.ndar
     a, b, c = (vertices[triangles[:, k]] for k in range(3))
     cross = np.cross(b - a, c - a)
     return 0.5 * np.linalg.norm(cross, axis=1), cross
+
+
+def dots_on(corners: np.ndarray, spacing: float) -> tuple[np.ndarray, np.ndarray]:
+    """Points (P, 3) on triangles (M, 3, 3), none of a triangle's further than `spacing` [m] from one, and their triangles (P,)."""
+    edge = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    cuts = np.maximum(np.ceil(edge / spacing), 1).astype(int)
+    dots, owner = [], []
+    for count in np.unique(cuts):
+        which = np.flatnonzero(cuts == count)
+        i, j = np.array([(i, j) for i in range(count + 1) for j in range(count + 1 - i)]).T
+        weight = np.stack([i, j, count - i - j], axis=1) / count
+        dots.append(np.einsum("pk,mkc->mpc", weight, corners[which]).reshape(-1, 3))
+        owner.append(np.repeat(which, len(i)))
+    return np.concatenate(dots), np.concatenate(owner)
 
 
 def signed_volume(vertices: np.ndarray, triangles: np.ndarray) -> float:

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.ndimage import distance_transform_edt
 from scipy.spatial import cKDTree
 
-from .closed_mesh import signed_volume, winding_numbers
+from .closed_mesh import dots_on, signed_volume, winding_numbers
 from .mesh_collider import MeshCollider
 
 _LOOKED_AT = 6
@@ -78,7 +78,7 @@ def closest_on(mesh: MeshCollider, points: np.ndarray, dx: float) -> tuple[np.nd
 
 def _nearest_faces(mesh: MeshCollider, points: np.ndarray, dx: float) -> np.ndarray:
     """(P, k) triangles that have the dots next to points (P, 3) [m]. Of a large mesh only what is round the points is looked at first."""
-    dots, owner = _dots(mesh.corners, dx)
+    dots, owner = dots_on(mesh.corners, dx)
     if not len(points):
         return np.zeros((0, 1), int)
     margin = _ROUND * dx
@@ -92,17 +92,3 @@ def _nearest_faces(mesh: MeshCollider, points: np.ndarray, dx: float) -> np.ndar
             found[missing] = np.pad(owner[choice[index.reshape(-1, count)]], ((0, 0), (0, _LOOKED_AT - count)), mode="edge")
             missing = missing[distance.reshape(-1, count)[:, -1] > margin]
     return found
-
-
-def _dots(corners: np.ndarray, spacing: float) -> tuple[np.ndarray, np.ndarray]:
-    """Points (P, 3) on triangles (M, 3, 3), none of a triangle's further than `spacing` [m] from one, and their triangles (P,)."""
-    edge = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-    cuts = np.ceil(edge / spacing).astype(int)
-    dots, owner = [], []
-    for count in np.unique(cuts):
-        which = np.flatnonzero(cuts == count)
-        i, j = np.array([(i, j) for i in range(count + 1) for j in range(count + 1 - i)]).T
-        weight = np.stack([i, j, count - i - j], axis=1) / count
-        dots.append(np.einsum("pk,mkc->mpc", weight, corners[which]).reshape(-1, 3))
-        owner.append(np.repeat(which, len(i)))
-    return np.concatenate(dots), np.concatenate(owner)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...errors import UsageError
+from ..lattice.closed_mesh import triangle_areas
 
 NONE = -1
 """In place of a neighbour's number: there is none."""
@@ -60,8 +61,8 @@ def surface_of(vertices: np.ndarray, faces: np.ndarray) -> Surface:
         one, many = f"Vertex {_first(alone)} of the sheet belongs", f"{alone.sum()} vertices of the sheet, such as {_first(alone)}, belong"
         message = f"{one if alone.sum() == 1 else many} to no face: loose points or edges have no area."
         raise UsageError(message, "Delete loose geometry (Mesh > Clean Up > Delete Loose).")
-    area, longest = _areas(x, faces)
-    flat = area <= THINNEST * longest**2
+    area = triangle_areas(x, faces)[0]
+    flat = area <= THINNEST * _longest(x, faces) ** 2
     if flat.any():
         one, many = f"Face {_first(flat)} of the sheet has", f"{flat.sum()} faces of the sheet, such as {_first(flat)}, have"
         raise UsageError(f"{one if flat.sum() == 1 else many} no area.", "Dissolve them (Mesh > Clean Up > Degenerate Dissolve).")
@@ -74,11 +75,10 @@ def _first(wrong: np.ndarray) -> int:
     return int(np.flatnonzero(wrong)[0])
 
 
-def _areas(x: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Areas (F,) and longest edges (F,)."""
-    a, b, c = (x[faces[:, k]] for k in range(3))
-    longest = np.max([np.linalg.norm(q - p, axis=1) for p, q in ((a, b), (b, c), (c, a))], axis=0)
-    return 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1), longest
+def _longest(x: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Longest edges (F,)."""
+    start, end = _sides(faces)
+    return np.linalg.norm(x[end] - x[start], axis=2).max(axis=1)
 
 
 def _sides(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import binary_dilation, label
 
+from ...mpm.lattice.closed_mesh import dots_on, triangle_areas
+
 CELLS = 96
 """Voxels along the longest side: a hole under a hundredth of the mesh is closed, and a million voxels take a tenth of a second."""
 _CLOSING = (0, 1)
@@ -60,8 +62,8 @@ def enclosed_room(vertices: np.ndarray, triangles: np.ndarray) -> Room | None:
     low = corners.reshape(-1, 3).min(axis=0) - 3.5 * size
     shape = np.ceil((corners.reshape(-1, 3).max(axis=0) - low) / size).astype(int) + 4
     walls = np.zeros(shape, dtype=bool)
-    walls[tuple(np.floor((_dots(corners, 0.5 * size) - low) / size).astype(int).T)] = True
-    area = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum()
+    walls[tuple(np.floor((dots_on(corners, 0.5 * size)[0] - low) / size).astype(int).T)] = True
+    area = triangle_areas(vertices, triangles)[0].sum()
     for closing in _CLOSING:
         thick = binary_dilation(walls, np.ones((3, 3, 3)), iterations=closing) if closing else walls
         region, _ = label(~thick)
@@ -73,17 +75,3 @@ def enclosed_room(vertices: np.ndarray, triangles: np.ndarray) -> Room | None:
         if 2.0 * volume / area >= _THICK * size:
             return Room(low, size, inside, float(volume))
     return None
-
-
-def _dots(corners: np.ndarray, spacing: float) -> np.ndarray:
-    """Points (P, 3) on triangles (M, 3, 3), no farther than `spacing` from their neighbours on the same triangle."""
-    edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-    steps = np.maximum(np.ceil(edges / spacing), 1).astype(int)
-    found = []
-    for count in np.unique(steps):
-        i, j = np.mgrid[0 : count + 1, 0 : count + 1]
-        keep = i + j <= count
-        u, v = i[keep] / count, j[keep] / count
-        weight = np.stack([1.0 - u - v, u, v], axis=1)
-        found.append(np.einsum("pk,mkc->mpc", weight, corners[steps == count]).reshape(-1, 3))
-    return np.concatenate(found)
