@@ -85,7 +85,12 @@ def object_depth(depth: np.ndarray | None, name: str, mask: np.ndarray, distance
 
 def filled(image: np.ndarray, known: np.ndarray) -> np.ndarray:
     """`image` (H, W) with the value of the nearest pixel that is `known` (H, W) bool where it is not."""
+    return image[nearest_known(known)]
+
+
+def nearest_known(known: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Row and column (H, W) of the nearest pixel that is `known` (H, W) bool: an image at these is filled where it is not."""
     from scipy.ndimage import distance_transform_edt  # slow to import, and most clips have no map
 
     rows, columns = distance_transform_edt(~known, return_distances=False, return_indices=True)
-    return image[rows, columns]
+    return rows, columns

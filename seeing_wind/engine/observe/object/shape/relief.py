@@ -24,7 +24,7 @@ from ....conventions import in_units
 from ....errors import ObjectError
 from ....masks import pixels_of
 from ....records import Camera, Observation
-from ...clip.depth import filled
+from ...clip.depth import filled, nearest_known
 from .block import Block, find_block
 from .inflate import LEAK, balls, inflate
 from .parts import Parts, parts_of
@@ -129,12 +129,12 @@ def relief_of(observation: Observation, thickness: float | None = None) -> Relie
         )
     if block is not None:
         block = block if thickness is None else replace(block, depth=thickness)
-        nearest = _nearest(mask)
+        nearest = nearest_known(mask)
         front = front[nearest]
         return Relief(mask, front, block.exits(front)[nearest], camera, kind, block.depth, block)
     parts = parts_of(mask, observation.pin) if flat and kind != "ball" else None
     if parts is not None:
-        half, nearest = _half(parts, metre_per_pixel, thickness), _nearest(mask)
+        half, nearest = _half(parts, metre_per_pixel, thickness), nearest_known(mask)
         return Relief(mask, (front - half)[nearest], (front + half)[nearest], camera, "parts", 2.0 * float(half.max()), parts=parts)
     if kind in ("ball", "post") and flat and thickness is not None and thickness < DISC * 2.0 * radius:
         kind = "plate"
@@ -154,7 +154,7 @@ def relief_of(observation: Observation, thickness: float | None = None) -> Relie
     else:
         guess = 2.0 * radius if kind == "post" else PLATE_THICKNESS * np.sqrt(area)
         profile = (guess if thickness is None else thickness) * slant(front, camera)
-    nearest = _nearest(mask)
+    nearest = nearest_known(mask)
     front, back = front[nearest], (front + profile)[nearest]
     even = kind == "plate" or (kind == "post" and not flat)
     return Relief(mask, front, back, camera, kind, float(np.median(profile[mask]) if even else profile[mask].max()))
@@ -170,7 +170,7 @@ def sheet_relief(observation: Observation, thickness: float) -> Relief:
     """A thin sheet in frame 0, as thick as that [m]. Raises ObjectError as `relief_of`."""
     mask = clean_mask(observation.masks[0])
     front = _front(observation, mask)[0]
-    nearest = _nearest(mask)
+    nearest = nearest_known(mask)
     back = (front + thickness * slant(front, observation.camera))[nearest]
     return Relief(mask, front[nearest], back, observation.camera, "sheet", thickness)
 
@@ -261,12 +261,6 @@ def _front(observation: Observation, mask: np.ndarray) -> tuple[np.ndarray, bool
             "Give a depth map in metres that covers the object, or --distance.",
         )
     return filled(depth, known), bool(np.ptp(depth[known]) <= 1e-6 * depth[known].max())
-
-
-def _nearest(known: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Row and column (H, W) of the nearest pixel that is `known` (H, W) bool: an image at these is filled where it is not."""
-    rows, columns = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
-    return rows, columns
 
 
 def _kind(mask: np.ndarray, rim: np.ndarray, front: np.ndarray, bulge: float | None, camera: Camera) -> str:
