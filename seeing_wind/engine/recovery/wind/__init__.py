@@ -7,6 +7,6 @@
     together.py  what several bodies felt of one wind           joined.py    that wind, in the takes of all
 """
 
-from .drag import AIR, DragLaw, area_normals, face_forces, vertex_drag
+from .drag import area_normals, face_forces, vertex_drag
 
-__all__ = ["AIR", "DragLaw", "area_normals", "face_forces", "vertex_drag"]
+__all__ = ["area_normals", "face_forces", "vertex_drag"]

@@ -39,47 +39,46 @@ class DragLaw:
 
 
 AIR = DragLaw()
-"""The law with its standard coefficients."""
+"""The law of all bodies."""
 
 TINY = 1e-300
 """Keeps quotients finite where an area or a speed is zero."""
 
 
-def face_forces(relative: np.ndarray, area_normal: np.ndarray, law: DragLaw = AIR, closed: bool = False) -> np.ndarray:
+def face_forces(relative: np.ndarray, area_normal: np.ndarray, closed: bool = False) -> np.ndarray:
     """Force of the air on faces (F, 3) [N].
 
     Args:
         relative: (F, 3) w = u - v, wind minus the face's velocity [m/s].
         area_normal: (F, 3) unit normals times areas [m²]; of a closed body they point outwards, of a sheet to either side.
-        law: coefficients.
         closed: the faces bound a body, air is on their outer side only; False: a sheet with air on both sides.
     """
-    along, across = _coefficients(relative, area_normal, law, closed)
+    along, across = _coefficients(relative, area_normal, closed)
     n = _unit(area_normal)
     push = (relative * n).sum(axis=-1)
     return along[..., None] * relative + ((across - along) * push)[..., None] * n
 
 
-def face_damping(relative: np.ndarray, area_normal: np.ndarray, law: DragLaw = AIR, closed: bool = False) -> np.ndarray:
+def face_damping(relative: np.ndarray, area_normal: np.ndarray, closed: bool = False) -> np.ndarray:
     """D (F, 3, 3) [N s/m], symmetric and positive semidefinite, with `face_forces` = D w. Arguments as there."""
-    along, across = _coefficients(relative, area_normal, law, closed)
+    along, across = _coefficients(relative, area_normal, closed)
     n = _unit(area_normal)
     return along[..., None, None] * np.eye(3) + (across - along)[..., None, None] * n[..., :, None] * n[..., None, :]
 
 
-def face_force_derivative(relative: np.ndarray, area_normal: np.ndarray, law: DragLaw = AIR, closed: bool = False) -> np.ndarray:
+def face_force_derivative(relative: np.ndarray, area_normal: np.ndarray, closed: bool = False) -> np.ndarray:
     """d f / d w (F, 3, 3) [N s/m], which is d f / d u and - d f / d v. Arguments as in `face_forces`."""
     speed = np.linalg.norm(relative, axis=-1)
     direction = relative / np.maximum(speed, TINY)[..., None]
     # D is in proportion to |w|, so f = D w has the derivative D + (D w) (w / |w|)' / |w|.
-    damping = face_damping(relative, area_normal, law, closed)
+    damping = face_damping(relative, area_normal, closed)
     return damping + (damping @ direction[..., None]) * direction[..., None, :]
 
 
-def _coefficients(relative: np.ndarray, area_normal: np.ndarray, law: DragLaw, closed: bool) -> tuple[np.ndarray, np.ndarray]:
+def _coefficients(relative: np.ndarray, area_normal: np.ndarray, closed: bool) -> tuple[np.ndarray, np.ndarray]:
     """Force over velocity along the face and across it, (F,) each [N s/m]."""
-    size = 0.5 * law.density * np.linalg.norm(area_normal, axis=-1) * np.linalg.norm(relative, axis=-1)
-    along, across = law.tangential * size, law.normal * size
+    size = 0.5 * AIR.density * np.linalg.norm(area_normal, axis=-1) * np.linalg.norm(relative, axis=-1)
+    along, across = AIR.tangential * size, AIR.normal * size
     if closed:
         windward = (relative * area_normal).sum(axis=-1) < 0.0
         along, across = 0.5 * along, np.where(windward, across, 0.0)
@@ -96,10 +95,8 @@ def area_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     return 0.5 * np.cross(b - a, c - a)
 
 
-def vertex_drag(
-    wind: np.ndarray, vertices: np.ndarray, velocity: np.ndarray, faces: np.ndarray, law: DragLaw = AIR
-) -> tuple[np.ndarray, np.ndarray]:
-    """Force of the air on the vertices of a mesh, and its damping for a semi-implicit step.
+def vertex_drag(wind: np.ndarray, vertices: np.ndarray, velocity: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Force of the air on the vertices of a sheet, and its damping for a semi-implicit step.
 
     A face takes the mean wind and velocity of its vertices and gives each a third of its force. The damping is lumped: a vertex gets a
     third of D of each of its faces. It bounds the true one, so v' = v + dt (m + dt D)^-1 f is stable at any dt.
@@ -109,13 +106,12 @@ def vertex_drag(
         vertices: (V, 3) [m].
         velocity: (V, 3) of the vertices [m/s].
         faces: (F, 3) indices.
-        law: as in `face_forces`, of a sheet that the air passes on both sides.
 
     Returns:
         Force (V, 3) [N] and damping (V, 3, 3) [N s/m].
     """
     relative = (np.broadcast_to(wind, velocity.shape) - velocity)[faces].mean(axis=1)
-    damping = face_damping(relative, area_normals(vertices, faces), law)
+    damping = face_damping(relative, area_normals(vertices, faces))
     share = np.concatenate([(damping @ relative[..., None])[..., 0], damping.reshape(-1, 9)], axis=1) / 3.0
     total = np.zeros((len(vertices), share.shape[1]))
     for corner in range(3):

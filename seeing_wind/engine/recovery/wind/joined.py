@@ -15,7 +15,6 @@ from ...record_arrays import TRAJECTORY, read_body, recovery_of
 from ...records import Body, Particles, Recovery
 from ...settings import RecoverSettings, from_mapping
 from ...take import Take, stamp_of
-from .drag import AIR
 from .estimate import Estimate, wind_of
 from .stage import clear, felt_in, write_wind
 from .together import FeltTogether, basis_together
@@ -87,7 +86,7 @@ def join_winds(takes: Sequence[Take], progress: Progress) -> dict[str, Any]:
     field: ForceField = distill(recovery, particles, first.fps, first.solving.representation, first.solving.seed, progress)
     field.kind = "wind"
     names = [one.name for one in seen]
-    told = {"field": "wind", "why": f"One wind for {', '.join(names)}.", **figures(estimate, AIR), "joined": names}
+    told = {"field": "wind", "why": f"One wind for {', '.join(names)}.", **figures(estimate), "joined": names}
     told["notes"] = [told["why"], sentence(told)]
     stamp = stamp_of("joined wind", VERSION, *(one.take.file(TRAJECTORY) for one in seen))
     for one in seen:

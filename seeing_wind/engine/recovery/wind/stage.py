@@ -16,7 +16,6 @@ from ...take import Take, stamp_of
 from ..clip import still_frames
 from ..journal import TakeJournal
 from ..prior.basis import SpatialBasis, spatial_basis
-from .drag import AIR
 from .estimate import Estimate, force_problem, places_of, solved, spacing_of, wind_of
 from .felt import Felt, felt_force
 from .surface import BodySurface, mesh_surface, particle_surface
@@ -123,7 +122,7 @@ def _found(
     against = objection(found, recovery, particles, material.density, fps, solving.gravity)
     if against and settings.field == "wind":
         raise ObjectError(f"No wind can be recovered. {against}", "Use --field force, or check material, scale, gravity and what is held.")
-    told = {"field": "wind", "why": "--field wind", **figures(found, AIR)}
+    told = {"field": "wind", "why": "--field wind", **figures(found)}
     if settings.field == "auto":
         odds = 0.0 if against else found.evidence - _force_evidence(felt, basis, recovery.x, progress)
         told["log_odds_of_wind"] = odds

@@ -9,7 +9,7 @@ import numpy as np
 from ...conventions import beaufort, in_figures
 from ...records import Particles, Recovery
 from ..diagnostics.remarks import force_remarks, reaction_remarks
-from .drag import DragLaw
+from .drag import AIR
 from .estimate import Estimate
 
 UNEXPLAINED = 0.5
@@ -58,7 +58,7 @@ def objection(
     return ""
 
 
-def figures(estimate: Found, law: DragLaw) -> dict[str, Any]:
+def figures(estimate: Found) -> dict[str, Any]:
     """What the report says of a wind, in plain values."""
     over_time = estimate.velocity.mean(axis=1)
     mean = over_time.mean(axis=0)
@@ -72,7 +72,7 @@ def figures(estimate: Found, law: DragLaw) -> dict[str, Any]:
         "beaufort": {"mean": beaufort(float(np.linalg.norm(mean))), "strongest_gust": beaufort(float(speed.max()))},
         "deviation": float(np.median(estimate.deviation)),
         "unexplained_share": estimate.unexplained,
-        "drag_law": {"normal": law.normal, "tangential": law.tangential, "air_density": law.density},
+        "drag_law": {"normal": AIR.normal, "tangential": AIR.tangential, "air_density": AIR.density},
     }
 
 

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.recovery.prior.kernel import Kernel
-from seeing_wind.engine.recovery.wind.drag import AIR
 from seeing_wind.engine.recovery.wind.estimate import Estimate
 from seeing_wind.engine.recovery.wind.verdict import beaufort, figures, objection, sentence
 from tests.engine.recovery.wind.blown_plate import DENSITY, FPS
@@ -68,7 +67,7 @@ def test_a_force_that_no_wind_explains(blown):
 def test_figures_are_of_the_wind_over_the_body():
     velocity = np.zeros((4, 5, 3))
     velocity[:, :, 0] = np.array([4.0, 6.0, 4.0, 6.0])[:, None]
-    told = figures(estimate(velocity), AIR)
+    told = figures(estimate(velocity))
     assert told["unit"] == "m/s"
     assert told["mean_velocity"] == [5.0, 0.0, 0.0]
     assert told["gusts_rms"] == pytest.approx(1.0)

@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 import numpy as np
 
 from ....mpm.shell import Load, Shell
-from ..drag import AIR, DragLaw, area_normals, face_damping, face_force_derivative, vertex_drag
+from ..drag import area_normals, face_damping, face_force_derivative, vertex_drag
 
 
 class Cause(ABC):
@@ -33,19 +33,19 @@ class Cause(ABC):
 class Air(Cause):
     """The field is the wind [m/s]."""
 
-    def __init__(self, shell: Shell, law: DragLaw = AIR) -> None:
-        self._faces, self._law = shell.surface.faces, law
+    def __init__(self, shell: Shell) -> None:
+        self._faces = shell.surface.faces
 
     def load(self, field: np.ndarray) -> Load:
-        return lambda x, v, frame: vertex_drag(field, x, v, self._faces, self._law)
+        return lambda x, v, frame: vertex_drag(field, x, v, self._faces)
 
     def tested(self, field: np.ndarray, x: np.ndarray, v: np.ndarray, tests: np.ndarray) -> np.ndarray:
         w, normals = self._passing(field, x, v)
-        force = (face_damping(w, normals, self._law) @ w[..., None])[..., 0]
+        force = (face_damping(w, normals) @ w[..., None])[..., 0]
         return tests[self._faces].mean(axis=1).T @ force
 
     def slopes(self, field: np.ndarray, x: np.ndarray, v: np.ndarray, tests: np.ndarray, shapes: np.ndarray) -> np.ndarray:
-        slope = face_force_derivative(*self._passing(field, x, v), self._law)
+        slope = face_force_derivative(*self._passing(field, x, v))
         here = shapes[self._faces].mean(axis=1)
         spread = slope[..., None, :, :] * here[:, :, None, None]  # (..., F, P, 3, 3)
         flat = tests[self._faces].mean(axis=1).T @ spread.reshape(*slope.shape[:-2], -1)

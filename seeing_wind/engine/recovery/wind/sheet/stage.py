@@ -25,7 +25,7 @@ from ....settings import RecoverSettings, WindSettings
 from ....take import Take, stamp_of
 from ...diagnostics.remarks import reaction_remarks
 from ...journal import TakeJournal
-from ..drag import AIR, area_normals
+from ..drag import area_normals
 from ..stage import FIELD, FORCE_MEAN, TOLD, Wind, clear
 from ..verdict import STRONGEST, UNEXPLAINED, figures, sentence
 from .air import Air, Cause, Push
@@ -146,7 +146,7 @@ def choose(
     if against and field == "wind":
         hint = "Use --field force, or check areal density, scale, depth, gravity and what is held."
         raise ObjectError(f"No wind can be recovered. {against}", hint)
-    told: dict[str, Any] = {"field": "wind", "why": "--field wind", **figures(wind, AIR), "doubt": wind.doubt, "error_of_law": wind.law}
+    told: dict[str, Any] = {"field": "wind", "why": "--field wind", **figures(wind), "doubt": wind.doubt, "error_of_law": wind.law}
     if field == "wind":
         return wind, told | {"notes": _remarks(wind, told)}
     force = estimate(Push(shell), FORCE_MEAN, "force", progress.part(0.5, 1.0))
