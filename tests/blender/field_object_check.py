@@ -148,7 +148,7 @@ def _check_bake(scene: bpy.types.Scene) -> None:
     grid.location = (1.0, 2.0, 3.0)
     with tempfile.TemporaryDirectory() as folder:
         exported = export_mesh(grid, bpy.context.evaluated_depsgraph_get(), Path(folder) / "grid.npz")
-        rest = np.load(exported.path)["vertices"]
+        rest = np.load(exported)["vertices"]
         grid.vertex_groups.new(name="Pin").add([0, 7], 1.0, "REPLACE")
         pins, _ = pinned_vertices(grid, bpy.context.evaluated_depsgraph_get(), "Pin")
     _check("pinned vertices", pins.tolist() == [0, 7], str(pins))

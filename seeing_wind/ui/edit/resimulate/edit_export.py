@@ -142,8 +142,8 @@ def _body(body: Body, request: EditRequest, scene: bpy.types.Scene, source: Path
     obj = present(body, scene)
     with at_rest(obj, scene) as still:
         depsgraph = bpy.context.evaluated_depsgraph_get()
-        exported = export_mesh(still, depsgraph, folder / "meshes" / f"{body.result}.npz", -np.array(request.offset))
-        entry["mesh"] = exported.path.relative_to(folder)
+        mesh = export_mesh(still, depsgraph, folder / "meshes" / f"{body.result}.npz", -np.array(request.offset))
+        entry["mesh"] = mesh.relative_to(folder)
         if body.pin_group:
             pinned, weights = export_pins(still, depsgraph, body.pin_group, pins)
             entry["pin"] = pins.relative_to(folder)
@@ -231,7 +231,7 @@ def _colliders(
             raise UsageError(f"{obj.name} is both a body and a collider.", "Take it off one of the two lists.")
         with as_shown(seen_in_place_of(obj, scene), scene) as seen:
             depsgraph = bpy.context.evaluated_depsgraph_get()
-            path = export_mesh(seen, depsgraph, folder / "colliders" / f"{collider.result}.npz").path
+            path = export_mesh(seen, depsgraph, folder / "colliders" / f"{collider.result}.npz")
             way, whole = _way_of_mesh(seen, scene, frames) if may_move(seen) else (None, True)
         entry = {"name": collider.result, "mesh": path.relative_to(folder), **collider.values}
         if way is not None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,21 +16,12 @@ from ...scene_mesh import FIRM, pinned_vertices, solid_arrays
 from ...scene_units import metres_per_unit
 
 
-@dataclass(frozen=True)
-class ExportedMesh:
-    """What was written of one object."""
-
-    path: Path
-    vertices: int
-    triangles: int
-    applied: bool
-    """Modifiers changed the number of vertices: the result fits a copy of the evaluated object, not its own mesh."""
-
-
 def export_mesh(
     obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph, path: str | Path, shift: Sequence[float] = (0.0, 0.0, 0.0)
-) -> ExportedMesh:
+) -> Path:
     """Write an object as displayed (modifiers applied, world space) as NPZ: `vertices` (V, 3) float64 [m], `triangles` (M, 3) int32.
+
+    Returns the path of the file.
 
     Args:
         obj: a mesh object or one that Blender can turn into a mesh.
@@ -46,8 +36,7 @@ def export_mesh(
     vertices = vertices * metres_per_unit(depsgraph.scene) + np.asarray(shift)
     path = Path(path)
     Take(path.parent).write_arrays(path.name, {"vertices": vertices, "triangles": triangles})
-    applied = obj.type != "MESH" or len(vertices) != len(obj.data.vertices)
-    return ExportedMesh(path, len(vertices), len(triangles), applied)
+    return path
 
 
 def export_pins(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph, group: str, path: str | Path) -> tuple[np.ndarray, Path | None]:
