@@ -121,7 +121,7 @@ def patch(name: str, rng: np.random.Generator) -> bpy.types.Mesh:
         [*faces.tolist(), *(list(range(base + 6 * k, base + 6 * k + 6)) for k in range(FLOWERS))],
     )  # fmt: skip
     paint(mesh, np.concatenate([shade.reshape(-1, 3), np.repeat(petals, 6, 0)]))
-    mesh.materials.append(leafy_material("Grass", 0.35, 0.0))
+    mesh.materials.append(leafy_material("Grass", 0.0))
     return mesh
 
 
@@ -142,7 +142,7 @@ def tree(name: str, rng: np.random.Generator) -> bpy.types.Mesh:
     autumn = rng.beta(1.0, 5.0, (LEAVES, 1))
     colour = (np.array([0.045, 0.085, 0.018]) * (1.0 - autumn) + np.array([0.26, 0.15, 0.02]) * autumn) * rng.uniform(0.5, 1.5, (LEAVES, 1))
     paint(mesh, np.concatenate([np.repeat(colour, 4, 0), np.full((16, 3), 0.05)]))
-    mesh.materials.append(leafy_material("Leaves", 0.35, 0.035))
+    mesh.materials.append(leafy_material("Leaves", 0.035))
     return mesh
 
 
@@ -170,14 +170,14 @@ def paint(mesh: bpy.types.Mesh, colours: np.ndarray) -> None:
 # -- materials, light, camera -----------------------------------------------------------------------------------------------------
 
 
-def leafy_material(name: str, through: float, haze: float) -> bpy.types.Material:
-    """Of the mesh's colours; so much of the light shines through, and so much air is before it."""
+def leafy_material(name: str, haze: float) -> bpy.types.Material:
+    """Of the mesh's colours; some of the light shines through, and so much air is before it."""
     if name in bpy.data.materials:
         return bpy.data.materials[name]
     add, output = blank(name)
     colour = add("Attribute", {}, attribute_name="colour").outputs["Color"]
     front = add("BsdfPrincipled", {"Base Color": colour, "Roughness": 0.55, "Specular IOR Level": 0.25}).outputs[0]
-    both = add("MixShader", {0: through, 1: front, 2: add("BsdfTranslucent", {0: colour}).outputs[0]}).outputs[0]
+    both = add("MixShader", {0: 0.35, 1: front, 2: add("BsdfTranslucent", {0: colour}).outputs[0]}).outputs[0]
     return output(add("MixShader", {0: haze, 1: both, 2: add("Emission", {0: (*HAZE, 1.0)}).outputs[0]}).outputs[0])
 
 

@@ -10,13 +10,11 @@ def mix(image: np.ndarray, colour: list[float] | np.ndarray, amount: np.ndarray)
     return image + (np.asarray(colour) - image) * amount[..., None]
 
 
-def dot(
-    image: np.ndarray, cx: float, cy: float, radius: float, colour: list[float] | np.ndarray, *, edge: float = 1.0, amount: float = 1.0
-) -> None:
-    """Paint a disc into `image`, in place: centre and radius in pixels, `edge` pixels from full to nothing, `amount` of its colour."""
-    far = radius + edge
+def dot(image: np.ndarray, cx: float, cy: float, radius: float, colour: list[float] | np.ndarray) -> None:
+    """Paint a disc into `image`, in place: centre and radius in pixels, a pixel from full to nothing."""
+    far = radius + 1.0
     rows = slice(max(int(cy - far), 0), max(int(cy + far) + 2, 0))
     columns = slice(max(int(cx - far), 0), max(int(cx + far) + 2, 0))
     y, x = np.arange(image.shape[0])[rows, None], np.arange(image.shape[1])[None, columns]
-    inside = amount * np.clip((far - np.hypot(x - cx, y - cy)) / edge, 0.0, 1.0)
+    inside = np.clip(far - np.hypot(x - cx, y - cy), 0.0, 1.0)
     image[rows, columns] = mix(image[rows, columns], colour, inside)

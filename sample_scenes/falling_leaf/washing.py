@@ -39,7 +39,7 @@ SEED = 11
 
 def hang_line(
     left: np.ndarray, right: np.ndarray, thick: float = CORD, colour: tuple[float, float, float] = (0.30, 0.27, 0.23)
-) -> bpy.types.Object:
+) -> None:
     """A cord so thick from one place (3,) to another [m], which sags."""
     along = np.linspace(0.0, 1.0, 33)[:, None]
     places = left + along * (right - left) - SAG * 4.0 * along * (1.0 - along) * [0.0, 0.0, 1.0]
@@ -51,7 +51,6 @@ def hang_line(
     line = bpy.data.objects.new("Line", curve)
     bpy.context.scene.collection.objects.link(line)
     curve.materials.append(plain("Cord", colour))
-    return line
 
 
 def place_on(left: np.ndarray, right: np.ndarray, x: float) -> tuple[np.ndarray, np.ndarray]:
@@ -62,7 +61,7 @@ def place_on(left: np.ndarray, right: np.ndarray, x: float) -> tuple[np.ndarray,
     return left + share * way - [0.0, 0.0, SAG * 4.0 * share * (1.0 - share)], level / np.linalg.norm(level)
 
 
-def set_post(name: str, top: np.ndarray) -> bpy.types.Object:
+def set_post(name: str, top: np.ndarray) -> None:
     """A round wooden post from the ground, at a height of 0, to a place (3,) [m] a hand's breadth below its end."""
     turn = np.arange(24) * 2.0 * np.pi / 24
     ring = np.stack([np.cos(turn), np.sin(turn)], axis=1)
@@ -78,14 +77,13 @@ def set_post(name: str, top: np.ndarray) -> bpy.types.Object:
     obj = bpy.data.objects.new(name, mesh)
     bpy.context.scene.collection.objects.link(obj)
     mesh.materials.append(bpy.data.materials.get("Grey Wood") or in_grass(plain("Grey Wood", (0.16, 0.125, 0.09))))
-    return obj
 
 
 def hang_cloth(
     name: str, at: np.ndarray, along: np.ndarray, size: tuple[float, float], pegs: int, texture: np.ndarray, cell: float = CELL,
     folds: tuple[float, float] = (WAVE, SLACK), over: float = 0.0, inset: float = INSET,
     peg_size: tuple[float, float, float] = PEG, peg_colours: Sequence[tuple[float, float, float]] = WOOD,
-) -> bpy.types.Object:  # fmt: skip
+) -> None:  # fmt: skip
     """A cloth that hangs in folds from so many pegs on a line through `at`, see `place_on`; what the pegs bite is the vertex group "Held".
 
     Args:
@@ -122,7 +120,6 @@ def hang_cloth(
     for number, held in enumerate(np.moveaxis(near, -1, 0)):
         colour = peg_colours[number % len(peg_colours)]
         peg(f"{name} Peg", vertices[held].mean(axis=0), axes, rng.uniform(-0.08, 0.08), peg_size, colour)
-    return cloth
 
 
 def mesh_of_rows(name: str, vertices: np.ndarray, u: np.ndarray, v: np.ndarray) -> bpy.types.Object:

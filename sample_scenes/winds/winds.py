@@ -60,9 +60,9 @@ def _wave(t: float, times: int, phase: float = 0.0) -> float:
     return float(np.sin(2.0 * np.pi * times * t / LOOP + phase))
 
 
-def swelling(mean: tuple[float, float, float], share: float, times: int = 1) -> Wind:
+def swelling(mean: tuple[float, float, float], share: float) -> Wind:
     """The same everywhere; its speed swells and sinks by a share."""
-    return lambda x, t: np.broadcast_to(np.array(mean) * (1.0 + share * (_wave(t, times) + 0.4 * _wave(t, 2 * times, 1.0))), x.shape)
+    return lambda x, t: np.broadcast_to(np.array(mean) * (1.0 + share * (_wave(t, 1) + 0.4 * _wave(t, 2, 1.0))), x.shape)
 
 
 def gusts(mean: tuple[float, float, float], gust: tuple[float, float, float], times: int) -> Wind:

@@ -39,13 +39,13 @@ def lathe(name: str, profile, sides: int = 96):
     return body
 
 
-def curve_profile(points, steps: int = 60):
+def curve_profile(points):
     """A smooth profile (Catmull-Rom) through (radius, height) points."""
     p = np.asarray(points, dtype=float)
     p = np.concatenate([[2 * p[0] - p[1]], p, [2 * p[-1] - p[-2]]])
     out = []
     for k in range(1, len(p) - 2):
-        for s in np.linspace(0, 1, steps // (len(p) - 3) + 1, endpoint=False):
+        for s in np.linspace(0, 1, 60 // (len(p) - 3) + 1, endpoint=False):
             a, b, c, d = p[k - 1 : k + 3]
             out.append(0.5 * (2 * b + (c - a) * s + (2 * a - 5 * b + 4 * c - d) * s**2 + (3 * b - a - 3 * c + d) * s**3))
     out = np.array([*out, p[-2]])
@@ -66,14 +66,14 @@ def box(name: str, size, at=(0, 0, 0), bevel: float = 0.15):
     return body
 
 
-def wire(name: str, points, radius: float, cyclic: bool = False):
+def wire(name: str, points, radius: float):
     """A round wire through points."""
     data = bpy.data.curves.new(name, "CURVE")
     data.dimensions, data.bevel_depth, data.bevel_resolution = "3D", radius, 8
     spline = data.splines.new("POLY")
     spline.points.add(len(points) - 1)
     spline.points.foreach_set("co", np.column_stack([points, np.ones(len(points))]).astype(np.float32).ravel())
-    spline.use_cyclic_u, spline.use_smooth = cyclic, True
+    spline.use_smooth = True
     body = bpy.data.objects.new(name, data)
     bpy.context.scene.collection.objects.link(body)
     return body
@@ -91,7 +91,7 @@ def ring(radius: float, at, tilt=(0.0, 0.0), wobble: float = 0.0, seed: int = 0)
     return points @ (ry @ rx).T + np.asarray(at, dtype=float)
 
 
-def dented_ball(name: str, radius: float, dents, rough: float = 0.04, seed: int = 3):
+def dented_ball(name: str, radius: float, dents):
     """A ball rolled by hand: flattened, uneven, pressed in at `dents` (unit directions)."""
     bpy.ops.mesh.primitive_uv_sphere_add(segments=128, ring_count=64, radius=1.0)
     body = bpy.context.object
@@ -99,11 +99,11 @@ def dented_ball(name: str, radius: float, dents, rough: float = 0.04, seed: int 
     co = np.empty(3 * len(body.data.vertices), np.float32)
     body.data.vertices.foreach_get("co", co)
     unit = co.reshape(-1, 3).astype(float)
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(3)
     r = np.ones(len(unit))
     for _ in range(24):
         k, phase = rng.normal(0, 2.2, 3), rng.uniform(0, 6.28)
-        r += rough * np.sin(unit @ k + phase) / 4
+        r += 0.04 * np.sin(unit @ k + phase) / 4
     for dent in dents:
         dent = np.asarray(dent, dtype=float) / np.linalg.norm(dent)
         off = np.linalg.norm(unit - dent, axis=1)
