@@ -125,8 +125,7 @@ def sums(a, b, c):
 @ti.func
 def node_to_velocity_adjoint(
     node, tasks, bounds: ti.template(), boxes: ti.template(), grid_bar: ti.template(), momentum: ti.template(),
-    momentum_bar: ti.template(), offset, dx, clamp: ti.template(), clamp_velocity: ti.template(), planes: ti.template(),
-    solid: ti.template(),
+    momentum_bar: ti.template(), offset, dx, clamp: ti.template(), planes: ti.template(), solid: ti.template(),
 ):  # fmt: skip
     """v = boundary(q / m): turns the nodes' v_bar into q_bar and m_bar."""
     lo, dims = bounds_of(bounds)
@@ -272,7 +271,7 @@ def substep_adjoint(
                 for index in range(begin, end):
                     node_to_velocity_adjoint(
                         bounded(index, MOST_NODES), tasks, bounds, boxes, grid_bar, momentum, momentum_bar, offset, dx,
-                        clamp, clamp_velocity, planes, solid,
+                        clamp, planes, solid,
                     )  # fmt: skip
                 finish(roster, 2)
                 task = take(roster, 2, worker, workers, tasks)
