@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 from ..conventions import NO_GRAVITY
 from ..errors import ObjectError, UsageError
 from ..field.torch_threads import one_torch_thread
-from ..materials import LIMITS
+from ..materials import LIMITS, PLASTIC_LAWS
 from ..mpm.laws.constitutive import LAWS
 from ..mpm.model import Model
 from ..mpm.model_for import model_for
@@ -66,7 +66,7 @@ def recover(
     began = time.monotonic()
     check_body(particles, fps)
     progress.update(0.0, "Preparing the body")
-    plastic = material.law in ("von_mises", "viscoplastic")
+    plastic = material.law in PLASTIC_LAWS
     sources = views_of(targets)
     check_free(particles.pinned, sources)
     moving = clamp_motion(particles, targets, fps) if isinstance(targets, PointTargets) else None
