@@ -5,7 +5,7 @@ import os
 import bpy
 
 from ..job import status
-from ..job.panel_pieces import Tab, columns, draw_engine, draw_failure, draw_range, fold, panels
+from ..job.panel_pieces import Tab, columns, draw_engine, draw_failure, draw_list, draw_range, fold, panels
 from ..job.status import State
 
 
@@ -58,11 +58,7 @@ def _draw_views(layout, settings, space: str) -> None:
     body = fold(layout, "views", "Further Views", closed=not len(settings.views))
     if body is None:
         return
-    row = body.row()
-    row.template_list("SEEING_WIND_UL_views", space, settings, "views", settings, "active_view", rows=2)
-    buttons = row.column(align=True)
-    buttons.operator("seeing_wind.add_view", text="", icon="ADD")
-    buttons.operator("seeing_wind.remove_view", text="", icon="REMOVE")
+    draw_list(body, settings, space, "views", "active_view", ("seeing_wind.add_view", "ADD"), ("seeing_wind.remove_view", "REMOVE"))
     if settings.active_view < len(settings.views):
         column = body.column()
         for name in ("clip", "camera", "mask"):

@@ -7,7 +7,7 @@ from ...engine.materials import MATERIALS, SHEETS
 from ...engine.settings import BodyEdit, options_of
 from ..clip.object.material_menu import draw_material
 from ..field.display import has_wind
-from ..job.panel_pieces import Tab, columns, draw_override, draw_text, fold, panels
+from ..job.panel_pieces import Tab, columns, draw_list, draw_override, draw_text, fold, panels
 from ..option_properties import panel_options
 from .sheet_label import is_shell, shell_words
 
@@ -47,20 +47,14 @@ def _draw_edits(layout, settings, space: str) -> None:
         if len(settings.bodies):
             layout.operator("seeing_wind.duplicate_edit", text="Duplicate Edit to Compare", icon="DUPLICATE")
         return
-    row = layout.row()
-    row.template_list("SEEING_WIND_UL_edits", space, settings, "edits", settings, "active_edit", rows=2)
-    buttons = row.column(align=True)
-    buttons.operator("seeing_wind.duplicate_edit", text="", icon="DUPLICATE")
-    buttons.operator("seeing_wind.remove_edit", text="", icon="REMOVE")
+    buttons = ("seeing_wind.duplicate_edit", "DUPLICATE"), ("seeing_wind.remove_edit", "REMOVE")
+    draw_list(layout, settings, space, "edits", "active_edit", *buttons)
 
 
 def _draw_bodies(layout, settings, space: str) -> None:
     """The list of bodies, and the ways to one more."""
-    row = layout.row()
-    row.template_list("SEEING_WIND_UL_bodies", space, settings, "bodies", settings, "active_body", rows=2)
-    buttons = row.column(align=True)
-    buttons.operator("seeing_wind.insert_mesh", text="", icon="ADD")
-    buttons.operator("seeing_wind.remove_body", text="", icon="REMOVE")
+    buttons = ("seeing_wind.insert_mesh", "ADD"), ("seeing_wind.remove_body", "REMOVE")
+    draw_list(layout, settings, space, "bodies", "active_body", *buttons)
     sub = layout.row()
     sub.enabled = settings.recovered_object is not None
     sub.operator("seeing_wind.insert_mesh", text="Insert Recovered Object", icon="OUTLINER_OB_MESH").recovered = True
@@ -142,11 +136,8 @@ def _draw_surroundings(column, settings, space: str) -> None:
     if settings.use_floor:
         column.prop(settings, "floor_friction")
     if len(settings.colliders):
-        row = column.row()
-        row.template_list("SEEING_WIND_UL_colliders", space, settings, "colliders", settings, "active_collider", rows=2)
-        buttons = row.column(align=True)
-        buttons.operator("seeing_wind.insert_collider", text="", icon="ADD")
-        buttons.operator("seeing_wind.remove_collider", text="", icon="REMOVE")
+        buttons = ("seeing_wind.insert_collider", "ADD"), ("seeing_wind.remove_collider", "REMOVE")
+        draw_list(column, settings, space, "colliders", "active_collider", *buttons)
         if settings.active_collider < len(settings.colliders):
             collider = settings.colliders[settings.active_collider]
             column.prop(collider, "kind")

@@ -260,6 +260,15 @@ def draw_range(column, settings, tick: str, numbers: str) -> None:
         sub.label(text="All")
 
 
+def draw_list(layout, settings, space: str, items: str, active: str, *buttons: tuple[str, str]) -> None:
+    """The list `items` of the settings in an editor of the kind `space`; beside it, one below the other, operators with their icons."""
+    row = layout.row()
+    row.template_list(f"SEEING_WIND_UL_{items}", space, settings, items, settings, active, rows=2)
+    column = row.column(align=True)
+    for operator, icon in buttons:
+        column.operator(operator, text="", icon=icon)
+
+
 def draw_override(column, settings, name: str, otherwise: str = "", text: str = "") -> None:
     """A property; where it has a tick before it, both in one row.
 
