@@ -16,14 +16,12 @@ rotation has to put these down to air that moves. Its mean is over card and fram
 
 from __future__ import annotations
 
-import argparse
 import subprocess
-import tempfile
 from pathlib import Path
 
 import numpy as np
 from scipy.integrate import solve_ivp
-from wind_truth import SPACING, YOUNGS_MODULUS, engine, errors
+from wind_truth import SPACING, YOUNGS_MODULUS, engine, errors, print_table
 
 from seeing_wind.engine.reading import read_arrays
 
@@ -109,21 +107,7 @@ def row(name: str, work: Path) -> str:
     return " | ".join([f"| {name}, I* = {inertia}", turns, *(f"{size:.1f} / {direction:.1f}" for size, direction in pairs), told]) + " |"
 
 
-def main() -> None:
-    """The table, row by row."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("cards", nargs="*", metavar="CARD", help=", ".join(CARDS))
-    parser.add_argument("--work", type=Path, help="folder that keeps the takes; an interrupted run goes on from them")
-    arguments = parser.parse_args()
-    unknown = set(arguments.cards) - set(CARDS)
-    if unknown:
-        parser.error(f"there is no {', '.join(sorted(unknown))}; there are {', '.join(CARDS)}")
-    print("| card | turns [degrees] | force: size % / degrees | uniform | net force | card's speed [m/s] | wind found [m/s] |")
-    print("|---|---|---|---|---|---|---|")
-    with tempfile.TemporaryDirectory() as aside:
-        for name in arguments.cards or CARDS:
-            print(row(name, arguments.work or Path(aside)), flush=True)
-
+HEAD = "| card | turns [degrees] | force: size % / degrees | uniform | net force | card's speed [m/s] | wind found [m/s] |"
 
 if __name__ == "__main__":
-    main()
+    print_table(__doc__, "CARD", CARDS, HEAD, row)

@@ -16,7 +16,7 @@ import json
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -232,21 +232,23 @@ def row(name: str, work: Path) -> str:
     return " | ".join([f"| {name}{note}", *figures, *(f"{end:.1f}" for end in ends)]) + " |"
 
 
-def main() -> None:
-    """The table, row by row."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("scenes", nargs="*", metavar="SCENE", help=", ".join(SCENES))
+def print_table(about: str | None, kind: str, known: Collection[str], head: str, row: Callable[[str, Path], str]) -> None:
+    """The table, row by row: of all `known`, or of those that the command line names."""
+    parser = argparse.ArgumentParser(description=about, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("names", nargs="*", metavar=kind, help=", ".join(known))
     parser.add_argument("--work", type=Path, help="folder that keeps the takes; an interrupted run goes on from them")
     arguments = parser.parse_args()
-    unknown = set(arguments.scenes) - set(SCENES)
+    unknown = set(arguments.names) - set(known)
     if unknown:
-        parser.error(f"there is no {', '.join(sorted(unknown))}; there are {', '.join(SCENES)}")
-    print("| scene | wind: size % / degrees | best uniform wind | auto (log odds) | twice the mass, by the wind % | by the force % |")
-    print("|---|---|---|---|---|---|")
+        parser.error(f"there is no {', '.join(sorted(unknown))}; there are {', '.join(known)}")
+    print(head)
+    print("|---" * (head.count("|") - 1) + "|")
     with tempfile.TemporaryDirectory() as aside:
-        for name in arguments.scenes or SCENES:
+        for name in arguments.names or known:
             print(row(name, arguments.work or Path(aside)), flush=True)
 
 
+HEAD = "| scene | wind: size % / degrees | best uniform wind | auto (log odds) | twice the mass, by the wind % | by the force % |"
+
 if __name__ == "__main__":
-    main()
+    print_table(__doc__, "SCENE", SCENES, HEAD, row)
