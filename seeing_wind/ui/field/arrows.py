@@ -52,14 +52,13 @@ def create_arrows(
     confidence: np.ndarray | None = None,
     frame_start: int = 1,
     *,
-    length: float | None = None,
-    peak: float | None = None,
     distance: np.ndarray | None = None,
     units: str = "N/m³",
     parent: bpy.types.Object | None = None,
     collection: bpy.types.Collection | None = None,
 ) -> bpy.types.Object:
-    """Make the animated arrows of a sampled field and link them to the scene.
+    """Make the animated arrows of a sampled field and link them to the scene: the longest, in red, are of nearly the largest strength and
+    so long that neighbours do not overlap.
 
     Args:
         scene: its length unit is respected.
@@ -67,8 +66,6 @@ def create_arrows(
         vectors: (T, M, 3) the field there; row t is shown from the scene frame of clip frame t on.
         confidence: (T, M) in 0..1; weakly known arrows are more transparent, hardly known ones hidden. None: all are sure.
         frame_start: scene frame of clip frame 0.
-        length: of an arrow at the peak [m]; by default so long that neighbours do not overlap.
-        peak: strength drawn in red; by default nearly the largest.
         distance: (T, M) of the arrows from the filmed object [m]: they are as strong as the reach of the field object leaves them.
         units: of the strength, for panel and legend.
         parent: the field object that the arrows follow when it is moved, turned or made stronger.
@@ -89,14 +86,13 @@ def create_arrows(
     unit = metres_per_unit(scene)
     positions = np.broadcast_to(np.asarray(points, dtype=np.float64) / unit, vectors.shape)
     size = np.linalg.norm(vectors, axis=-1)
-    peak = peak or float(np.quantile(size, PEAK_QUANTILE)) or 1.0
-    length = length / unit if length else _free_length(positions[0])
+    peak = float(np.quantile(size, PEAK_QUANTILE)) or 1.0
     # at the field's own place: Blender draws a dashed line from every child to its parent
     place = np.zeros(3) if parent is None else np.array(parent.matrix_basis.translation)
     sure = np.ones_like(size) if confidence is None else np.asarray(confidence)
     away = None if distance is None else np.asarray(distance) / unit
     obj = bpy.data.objects.new(name, _mesh(name, positions - place, vectors, sure, away))
-    set_up_modifier(obj, _arrow_group(name, positions.shape[1], len(vectors), frame_start, length, parent))
+    set_up_modifier(obj, _arrow_group(name, positions.shape[1], len(vectors), frame_start, _free_length(positions[0]), parent))
     obj["seeing_wind_peak"], obj["seeing_wind_units"] = peak, units
     _show(obj, size, sure)
     (collection or scene.collection).objects.link(obj)

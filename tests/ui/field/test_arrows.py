@@ -30,12 +30,14 @@ def test_arrows_show_direction_and_strength_of_each_frame(scene):
     rng = np.random.default_rng(0)
     vectors = rng.normal(size=(4, 3, 3))
     vectors *= rng.uniform(3.0, 10.0, (4, 3, 1)) / np.linalg.norm(vectors, axis=-1, keepdims=True)
-    arrows = create_arrows(scene, "Arrows", points, vectors, frame_start=3, length=0.5, peak=10.0)
+    arrows = create_arrows(scene, "Arrows", points, vectors, frame_start=3)
+    set_input(arrows.modifiers[0], "Length", 0.5)
+    sizes = np.linalg.norm(vectors, axis=-1, keepdims=True)
     for frame, row in ((1, 0), (3, 0), (5, 2), (6, 3), (30, 3)):
         scene.frame_set(frame)
         vertices, strength = _drawn(arrows)
-        along = np.einsum("mvc,mc->mv", vertices - points[:, None], vectors[row] / np.linalg.norm(vectors[row], axis=-1, keepdims=True))
-        assert np.allclose(strength, np.linalg.norm(vectors[row], axis=-1) / 10.0, atol=1e-6)
+        along = np.einsum("mvc,mc->mv", vertices - points[:, None], vectors[row] / sizes[row])
+        assert np.allclose(strength, np.minimum(sizes[row, :, 0] / arrows["seeing_wind_peak"], 1.0), atol=1e-6)
         assert np.allclose(along.max(axis=1), 0.5 * strength, atol=1e-5) and np.allclose(along.min(axis=1), 0.0, atol=1e-5)
 
 
@@ -43,7 +45,8 @@ def test_unsure_arrows_are_hidden_and_moving_points_followed(scene):
     points = np.arange(24.0).reshape(4, 2, 3)
     vectors = np.tile([[0.0, 0.0, 5.0]], (4, 2, 1))
     confidence = np.array([[1.0, 0.0]] * 4)
-    arrows = create_arrows(scene, "Arrows", points, vectors, confidence, frame_start=1, length=1.0)
+    arrows = create_arrows(scene, "Arrows", points, vectors, confidence, frame_start=1)
+    set_input(arrows.modifiers[0], "Length", 1.0)
     scene.frame_set(3)
     vertices, _ = _drawn(arrows)
     assert len(vertices) == 1
@@ -61,8 +64,9 @@ def test_arrows_are_refused_when_arrays_do_not_agree(scene):
 def test_density_and_slice_choose_arrows(scene):
     axis = np.linspace(0.0, 1.0, 6)
     points = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), -1).reshape(-1, 3)
-    arrows = create_arrows(scene, "Arrows", points, np.tile([[0.0, 0.0, 5.0]], (3, 216, 1)), frame_start=1, length=0.1)
+    arrows = create_arrows(scene, "Arrows", points, np.tile([[0.0, 0.0, 5.0]], (3, 216, 1)), frame_start=1)
     modifier = arrows.modifiers[0]
+    set_input(modifier, "Length", 0.1)
     scene.frame_set(1)
     assert len(_drawn(arrows)[0]) == 216
     set_input(modifier, "Slice Axis", 1)
@@ -83,7 +87,7 @@ def test_density_and_slice_choose_arrows(scene):
 def test_arrows_and_their_colours_follow_strength_and_the_field_object(scene, checks):
     field = checks["swirl_field"](scene)
     points = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
-    arrows = create_arrows(scene, "Arrows", points, np.tile([[0.0, 0.0, 5.0]], (2, 2, 1)), length=0.5, peak=5.0, parent=field)
+    arrows = create_arrows(scene, "Arrows", points, np.tile([[0.0, 0.0, 5.0]], (2, 2, 1)), parent=field)
     before, stood = _drawn(arrows)[0], arrows.matrix_world.translation.x
     field.field.strength *= 2.0
     field.location.x += 1.0
