@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.command.arguments import parser
+from seeing_wind.engine.command.inputs import refuse_of_another
 from seeing_wind.engine.command.verbs import VERBS
 from seeing_wind.engine.errors import ClipError, UsageError
 from seeing_wind.engine.progress import NoProgress
+from seeing_wind.engine.take import Take
 from tests.engine.fields import UniformField
 
 MINE = b"mine, and the only copy"
@@ -104,3 +106,18 @@ def test_a_take_goes_on_whatever_files_it_holds_and_what_it_proposed_is_read(min
     with pytest.raises(ClipError):
         run("recover", clip, "--take", held.parent, "--box", 1, 1, 9, 9, "--pin", held)
     assert held.read_bytes() == MINE
+
+
+@pytest.mark.parametrize("verb", ["observe", "recover"])
+def test_a_take_of_another_clip_stays(mine, tmp_path: Path, verb: str) -> None:
+    pole, clay, take = mine("pole.mp4"), tmp_path / "clay.mp4", mine("pole.take/field.safetensors").parent
+    clay.write_bytes(b"another film")
+    (take / "take.toml").write_text(f'format = 1\n[stages.observe]\nstamp = "0"\n[stages.observe.settings]\nclip = "{pole}"\n')
+    refused(take / "field.safetensors", verb, clay, "--take", take, "--box", 1, 1, 9, 9, says="pole.take is the take of another clip")
+    copied = tmp_path / "copied.mp4"
+    copied.write_bytes(MINE)
+    refuse_of_another(Take(take), str(copied))
+    moved = pole.rename(tmp_path / pole.name)
+    refuse_of_another(Take(take), str(moved))
+    with pytest.raises(UsageError, match="another clip"):
+        refuse_of_another(Take(take), str(clay))

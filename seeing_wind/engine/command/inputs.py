@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import filecmp
 import os
 import re
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from ..conventions import image_files, is_sequence
-from ..errors import UsageError
+from ..errors import TakeError, UsageError
 from ..settings import BuildSettings, Edit, ObserveSettings, RecoverSettings, options_of
 from ..settings.tables import names_in
 from ..take import RESULTS, Take
@@ -82,6 +83,31 @@ def refuse_foreign(take: Take) -> None:
         if path.is_file() and _is_made(take.path, path, MADE):
             name = path.relative_to(take.path).as_posix()
             raise UsageError(f"{take.path} is not a take and holds {name}.", "Choose another folder with --take.")
+
+
+def refuse_of_another(take: Take, clip: str) -> None:
+    """See that what a take holds of one clip is not replaced by another's. One that was copied or moved is no other clip.
+
+    Raises:
+        UsageError: it would be.
+    """
+    try:
+        of = take.description().get("stages", {}).get("observe", {}).get("settings", {}).get("clip")
+    except TakeError:  # told by the stage that reads it
+        return
+    if isinstance(of, str) and of and "\0" not in of and _another(clip, of):
+        raise UsageError(
+            f"{take.path} is the take of another clip, {of}, and not of {clip}.",
+            "Choose another folder with --take, or move that one away.",
+        )
+
+
+def _another(clip: str, than: str) -> bool:
+    if os.path.realpath(clip) == os.path.realpath(than):
+        return False
+    if os.path.isfile(clip) and os.path.isfile(than):
+        return not filecmp.cmp(clip, than, shallow=False)
+    return os.path.basename(clip) != os.path.basename(than)
 
 
 def _files(clip: str) -> list[Path]:

@@ -19,7 +19,7 @@ from ..settings import BuildSettings, RecoverSettings
 from ..stages import observe_stage
 from ..take import Take
 from .arguments import observe_settings, settings_of
-from .inputs import inputs_of
+from .inputs import inputs_of, refuse_of_another
 from .lock import held
 
 if TYPE_CHECKING:
@@ -42,6 +42,7 @@ def observe(arguments: argparse.Namespace, progress: Progress) -> dict[str, Any]
     require_clip(arguments.clip)
     settings = observe_settings(arguments)
     started = time.perf_counter()
+    refuse_of_another(Take(arguments.take), arguments.clip)
     holding = held(Take(arguments.take), arguments.verb, progress, inputs_of(arguments))
     with holding as take, ThreadPoolExecutor(1) as beside, ThreadPoolExecutor(1) as reading:
         # What builds bodies takes most of a second to import, as long as the clip takes to read.

@@ -17,7 +17,7 @@ from ..settings import BuildSettings, ObserveSettings, RecoverSettings, WindSett
 from ..stages import build_stage, check_sheet, check_solve, frame_loss, lift_stage, observe_stage, track_targets, write_gaussians
 from ..take import Take, stamp_of
 from .arguments import observe_settings, properties_of, settings_of
-from .inputs import inputs_of
+from .inputs import inputs_of, refuse_of_another
 from .join import join
 from .lock import held
 from .reporting import diverged_result, report_result
@@ -116,6 +116,7 @@ def recover_one(arguments: argparse.Namespace, progress: Progress) -> Result:
     if arguments.form == "sheet":
         check_sheet(settings)  # by default the object's size decides, and it is told later
     endpoint = asked_model(arguments)
+    refuse_of_another(Take(arguments.take), arguments.clip)
     with held(Take(arguments.take), arguments.verb, progress, inputs_of(arguments)) as take:
         return _recover_into(take, arguments, settings, endpoint, progress)
 
@@ -155,7 +156,7 @@ def _recover_into(
             return diverged_result(recovery)
         field = fitted
         wind = wind_stage(take, body, body.particles, body.material, recovery, observation.fps, blown, settings, progress)
-    notes = [*asked, *wind.notes, *recovery.notes, *doubt_remarks(observation, observing)]
+    notes = [*asked, *wind.notes, *recovery.notes, *doubt_remarks(observation, observing, 1 + len(arguments.view))]
     recovery = dataclasses.replace(recovery, notes=worst_first(notes))
 
     def draw(journal: Journal) -> dict[str, Any]:

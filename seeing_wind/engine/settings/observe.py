@@ -76,8 +76,8 @@ class ObserveSettings:
         "or a nerfstudio transforms.json",
     )  # fmt: skip
     fov: float = option(
-        DEFAULT_FOV_DEGREES, label="FOV", help="horizontal field of view", unit="°", above=0.0, below=180.0, metavar="DEG", group=SEEN,
-        one_of="camera", panel="main", typical=(1.0, 170.0),
+        DEFAULT_FOV_DEGREES, label="FOV", help="horizontal field of view", unit="°", minimum=1.0, maximum=170.0, metavar="DEG", group=SEEN,
+        one_of="camera", panel="main",
     )  # fmt: skip
     pin: str | None = option(
         None, label="Held Places", help="PNG of the first frame, non-zero where the object is held in place", metavar="PNG", group=SEEN,

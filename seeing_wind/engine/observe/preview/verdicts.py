@@ -65,10 +65,14 @@ class Verdict:
 
 
 def judge(
-    seen: Observation, settings: ObserveSettings, proposed: np.ndarray | None, more: Sequence[Verdict] = ()
+    seen: Observation, settings: ObserveSettings, proposed: np.ndarray | None, more: Sequence[Verdict] = (), views: int = 1
 ) -> list[Verdict]:
-    """All verdicts on `seen`, the worst first, with `more` among them. `proposed` (H, W) bool: where the object seems to be held, None
-    where nowhere."""
+    """All verdicts on `seen`, the worst first, with `more` among them.
+
+    Args:
+        proposed: (H, W) bool, where the object seems to be held; None where nowhere.
+        views: how many cameras see the object: two know how far away it is.
+    """
     found = [
         _outline(seen, settings, proposed),
         _sight(seen),
@@ -76,7 +80,7 @@ def judge(
         _held(seen, proposed),
         _motion(seen),
         _blur(seen),
-        _scale(settings),
+        _scale(settings, views),
         _depth_motion(seen),
         *_clip(seen),
         *more,
@@ -84,10 +88,10 @@ def judge(
     return sorted(found, key=lambda one: -one.severity)
 
 
-def doubt_remarks(seen: Observation, settings: ObserveSettings) -> list[str]:
+def doubt_remarks(seen: Observation, settings: ObserveSettings, views: int = 1) -> list[str]:
     """What is doubtful of `seen`, in sentences, the worst first, as a recovery's notes have it."""
     proposed = None if seen.pin.any() else propose_held(seen)
-    found = [one for one in judge(seen, settings, proposed) if one.severity > 0.0]
+    found = [one for one in judge(seen, settings, proposed, views=views) if one.severity > 0.0]
     return [f"{one.item.capitalize()}: {one.because} {one.do}".strip() for one in found]
 
 
@@ -214,13 +218,16 @@ def _blur(seen: Observation) -> Verdict:
     return Verdict("blur", 0.0, f"It moves by up to {fast:.1f} px a frame.")
 
 
-def _scale(settings: ObserveSettings) -> Verdict:
+def _scale(settings: ObserveSettings, views: int) -> Verdict:
     if settings.distance:
         # the panel always gives one, looked at or not
         away = in_units(settings.distance, "m")
         return Verdict("scale", 0.0, f"It is taken to be {away} from the camera: at twice that it is twice as large and as fast.")
-    if settings.pixels_per_metre or settings.depth or settings.camera or settings.depth_model:
+    if settings.pixels_per_metre or settings.depth or settings.depth_model or (settings.camera and views > 1):
         return Verdict("scale", 0.0, "It is given.")
+    if settings.camera:
+        because = "The camera is known but not how far away the object is, so it is taken to be as far as the world's origin."
+        return Verdict("scale", 0.9, because, "Give --distance, --depth or a second --view.")
     return Verdict("scale", 0.9, "No length is known, so forces are off by one unknown factor.", "Give --pixels-per-metre or --distance.")
 
 
