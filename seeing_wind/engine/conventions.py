@@ -117,6 +117,11 @@ def frame_named(t: int) -> str:
     return f"frame {t}"
 
 
+def frames_named(first: int, last: int) -> str:
+    """The same of frames in a row, as a part of a sentence."""
+    return f"from {frame_named(first)} to {frame_named(last)}" if last > first else f"in {frame_named(first)}"
+
+
 UNHELD = "Nothing was marked as held"
 """How the note begins on a force that only answers gravity: the panel offers what mends it."""
 HELD_PLACE = "held place"

@@ -29,10 +29,11 @@ from .diagnostics.remarks import (
     held_remarks,
     motion_remarks,
     reaction_remarks,
+    unseen_remarks,
     wider_remarks,
     wild_remarks,
 )
-from .prior.basis import SpatialBasis, held_axis, spatial_basis
+from .prior.basis import SpatialBasis, held_axis, spatial_basis, told_apart
 from .prior.constants import PRIOR
 from .prior.kernel import knots_for_variance, steady_part
 from .prior.learning import Expected
@@ -153,14 +154,7 @@ class Clip:
 
     def _observable(self, basis: SpatialBasis) -> SpatialBasis:
         """The modes that the observed points can tell apart; the constant one always."""
-        seen = self.objective.points() @ basis.phi
-        count, known = 1, seen[:, :1] / np.linalg.norm(seen[:, :1])
-        while count < basis.phi.shape[1]:
-            rest = seen[:, count] - known @ (known.T @ seen[:, count])
-            if np.linalg.norm(rest) < PRIOR.observable * np.sqrt(len(seen)):
-                break
-            known = np.column_stack([known, rest / np.linalg.norm(rest)])
-            count += 1
+        count = max(1, told_apart(self.objective.points() @ basis.phi, PRIOR.observable))
         if count < min(4, basis.phi.shape[1]):
             self.notes.append(
                 f"The observed points tell apart {count} of the force's modes over the body: its variation across the body is not known."
@@ -243,6 +237,7 @@ class Clip:
         errors = math.sqrt(float(np.mean(np.concatenate(stated)))) if stated else 0.0
         self.notes += wider_remarks(self.particles) + motion_remarks(self.particles, x, residual, views, errors)
         self.notes += held_remarks(self.particles, self.objective.channels)
+        self.notes += unseen_remarks(self.objective.used)
         self.notes += wild_remarks(self.objective.channels)
         self.notes += end_remarks(wild)
         if not self.particles.pinned.any():

@@ -30,6 +30,27 @@ def test_points_that_slip_and_stay_leave_force_and_deviation_as_they_were():
     assert [note for note in found.notes if "9 of 90 points" in note and "left out" in note] and not good.notes
 
 
+def test_exact_points_of_which_half_are_hidden_in_a_frame_stay_exact():
+    body = plate((6, 5, 3))
+    x, force = blow(body, wind, 9)
+    hidden = points(body, x)
+    visible = hidden.visible.copy()
+    visible[3, body.x[:, 0] > 0.0] = False
+    whole, part = (recover(body, RUBBER, each, FPS, WEIGHTLESS, NoProgress()) for each in (hidden, replace(hidden, visible=visible)))
+    assert relative(part.force_density, 400.0 * force) < 1.3 * relative(whole.force_density, 400.0 * force) + 0.01
+
+
+def test_frames_in_which_nothing_is_seen_are_named():
+    body = plate((6, 5, 3))
+    x, _ = blow(body, wind, 9)
+    seen = points(body, x)
+    visible = seen.visible.copy()
+    visible[[4, 8, 9]] = False
+    found = recover(body, RUBBER, replace(seen, visible=visible), FPS, WEIGHTLESS, NoProgress())
+    told = [note for note in found.notes if note.startswith("Nothing of the object is seen")]
+    assert len(told) == 2 and "in frame 4:" in told[0] and "from frame 8 to frame 9:" in told[1]
+
+
 def test_what_is_left_out_is_not_missed():
     body = plate((6, 5, 3))
     x, _ = blow(body, wind, 8)
@@ -138,7 +159,7 @@ def test_a_clamp_may_tilt_slowly_and_the_sections_with_it(post):
     """The squared distance of sections that turn by 0.8 % of the swing, in the deviations assumed of the mismatch."""
     body, time = replace(post, x=post.x @ TURN.T), np.arange(91)
     channels = point_channels(body, points(body, bent(post, 1.5 * np.sin(time / 5.0))), False)
-    turned = 3 * int(np.flatnonzero(~channels.curve.lengthwise)[0])
+    turned = 3 * int(np.flatnonzero(~channels.curve.lengthwise.modes)[0])
     size = np.sqrt(((channels.observed[:, 0] - channels.observed[0, 0]) ** 2).mean())
     cost = {}
     for how, shape in (("slow", time / 90.0), ("quick", np.sin(2.0 * time))):

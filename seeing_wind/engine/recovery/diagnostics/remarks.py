@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...conventions import UNHELD, frame_named, in_figures, in_units
+from ...conventions import UNHELD, frame_named, frames_named, in_figures, in_units
 from ...records import Particles
 from ..prior.basis import runs_of
 from ..targets.clamp_motion import ClampMotion
@@ -171,6 +171,15 @@ def reaction_remarks(particles: Particles, acceleration: np.ndarray, x: np.ndarr
     ]
 
 
+def unseen_remarks(used: np.ndarray) -> list[str]:
+    """On frames in which nothing was seen, by used (T+1, channels) bool; frame 0 is where the body begins."""
+    return [
+        f"Nothing of the object is seen {frames_named(first + 1, end)}: the force there is a guess from the other frames, and the "
+        "simulation was compared with nothing."
+        for first, end in runs_of(~used[1:].any(axis=1))
+    ]
+
+
 def wild_remarks(channels: Sequence[Channels]) -> list[str]:
     """On points that were left out, as they do not move with the others."""
     astray = [one.wild for one in channels if isinstance(one, PointChannels) and one.wild.any()]
@@ -196,7 +205,7 @@ def end_remarks(wild: np.ndarray) -> list[str]:
     for which, run in (("first", _leading(wild)), ("last", _leading(wild[::-1]))):
         first, last = (0, run - 1) if which == "first" else (len(wild) - run, len(wild) - 1)
         if run:
-            frames = f"from {frame_named(first)} to {frame_named(last)}" if run > 1 else f"in {frame_named(first)}"
+            frames = frames_named(first, last)
             notes.append(
                 f"The tracks of the {which} frames leave the motion of all others and count little: the force {frames} is not seen, but "
                 "goes on from the others. If the object is blurred there or leaves the frame, choose --frames without them."

@@ -93,6 +93,15 @@ def spatial_basis(x: np.ndarray, mass: np.ndarray, modes: int) -> SpatialBasis:
     return SpatialBasis(np.stack(phi, axis=1)[:, rank], slopes, np.array(degree)[rank], np.array(size)[rank], radius, centre)
 
 
+def told_apart(modes: np.ndarray, least: float) -> int:
+    """How many of the first modes (K, M) some points tell apart: of each they show at least the share `least` of a mode of unit size that
+    the modes before it do not explain."""
+    if not len(modes):
+        return 0
+    own = np.abs(np.diag(np.linalg.qr(modes, mode="r"))) >= least * math.sqrt(len(modes))
+    return int(np.argmin(np.append(own, False)))
+
+
 def _monomial(local: np.ndarray, exponent: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
     """x^e0 y^e1 z^e2 at (N, 3) and its gradient (N, 3)."""
     powers = [local[:, axis] ** exponent[axis] for axis in range(3)]

@@ -53,12 +53,20 @@ class NoiseConstants:
         0.002, "1", "`along` of mode 0, in the same.", "The same posts, without what drifts and what is in step: 0.0012 to 0.0028.",
     )  # fmt: skip
     stretch: float = constant(
-        5e-4, "1", "Mismatch beside `along` of the stretch along the curve, of modes that vary along the body only but for mode 0, in the "
-        "motion of the whole body.", "Another simulator's posts that move by the true force: 1 to 5 um of swings of 20 to 90 mm. With "
-        "less, a force that jumps between its knots is taken for one along the body.",
+        0.0045, "1", "Mismatch beside `along` of the stretch along the curve, of modes that vary along the body only but for mode 0, in "
+        "the square of the motion of the whole body over its length: by as much a bent body is shorter, and its bending is off.",
+        "Another simulator's posts that move by the true force: from frame to frame 0.002 to 0.009, 0.004 in the median, which is 1 to 6 "
+        "um of swings of 7 to 26 mm. With 0.008 a branch of the tests that is let go comes back worse.",
     )  # fmt: skip
-    stretch_least: float = constant(4e-4, "particle spacings", "The same of a body that does not move.", "As `stretch`: 1 to 5 um.")
-    drift_stretch: float = constant(0.001, "1", "`drift` of the stretch.", "As `stretch`: 0.0004 to 0.0008.")
+    stretch_least: float = constant(
+        2e-4, "particle spacings", "The same of a body that does not move.", "With half of it a post of the tests whose clamp sways comes "
+        "back with twice the error.",
+    )  # fmt: skip
+    drift_stretch: float = constant(0.001, "1", "`drift` of the stretch.", "As `stretch`: 0.0004 to 0.0024.")
+    swift_stretch: float = constant(
+        0.25, "1", "How much of the stretch that is `swift` is taken for mismatch.",
+        "The same posts: 0.13 and 0.23 of it is, where a wind that begins at once makes them ring along themselves.",
+    )  # fmt: skip
     turned: float = constant(
         0.001, "1", "`stretch` of the other modes: how the sections turn against the curve.",
         "The same posts turn by 0.003 to 0.007, in step with their swing; with 0.003 those that swing far come back worse.",
@@ -132,6 +140,10 @@ class NoiseConstants:
         "A post clamped at its foot, bent in its first two modes; with 7, posts come back the same.",
     )  # fmt: skip
 
+    told: float = constant(
+        0.5, "1", "A mode counts in a frame when the points seen there show at least this share of it that the modes before it do not "
+        "explain.", "Chosen.",
+    )  # fmt: skip
     clamp_rides: float = constant(0.99, "1", "A point shows the clamp when so much of its weight is on held particles.", "Geometry.")
     clamp_frames: int = constant(8, "frames", "With fewer, the noise of the clamp's motion cannot be measured.", "Statistics.")
     clamp_clear: float = constant(

@@ -6,6 +6,8 @@ on a held body a drift and what leaks from one direction into another.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from ...records import Particles
@@ -25,13 +27,27 @@ def mismatch_covariance(frames: int, white: float, slow: float, tau: float, vari
     return variance_factor * (white**2 * np.eye(frames) + slow**2 * slowly)
 
 
-def point_mismatch(particles: Particles, moved: np.ndarray, plastic: bool, lengthwise: np.ndarray | None = None) -> np.ndarray:
+@dataclass(frozen=True)
+class Lengthwise:
+    """What of a held body's motion is told along its own curve, in component 0 of its modes; mode 0 is what all that is free does."""
+
+    modes: np.ndarray
+    """(modes,) bool: those that vary along the body only."""
+    length: float
+    """Of what is free, along the axis [m]."""
+
+    @property
+    def stretch(self) -> np.ndarray:
+        """(modes,) bool: those that tell how the body is stretched."""
+        return self.modes & (np.arange(len(self.modes)) > 0)
+
+
+def point_mismatch(particles: Particles, moved: np.ndarray, plastic: bool, lengthwise: Lengthwise | None = None) -> np.ndarray:
     """(modes, 3, T+1, T+1) covariance of the mismatch of points in 3D [m²].
 
     Args:
         moved: (T+1, modes, 3) amplitudes observed, since frame 0 [m].
-        lengthwise: (modes,) bool where component 0 is that along a held body's curve, of which mode 0 is what all that is free has in
-            common: the modes that vary along the body only.
+        lengthwise: of a held body that has a curve of its own, see `arc`.
     """
     white, slow = (np.full(moved.shape[1:], share * particles.spacing) for share in (NOISE.white, NOISE.slow))
     drift, held = np.zeros_like(slow), bool(particles.pinned.any())
@@ -40,18 +56,21 @@ def point_mismatch(particles: Particles, moved: np.ndarray, plastic: bool, lengt
         size, whole = _sizes(moved, parts), _sizes(moved, [slice(0, 3)])
         motion, drift = NOISE.motion * size, NOISE.drift * whole
         if lengthwise is not None:
-            swing, turned = whole[0, 0], ~lengthwise
-            stretch = lengthwise & (np.arange(len(lengthwise)) > 0)
-            white[stretch, 0] = np.hypot(NOISE.stretch_least * particles.spacing, NOISE.stretch * swing)
+            swing, turned, stretch = whole[0, 0], ~lengthwise.modes, lengthwise.stretch
+            # A body that swings bends out of its axis by a shortening of this size, which a bending that is off gets wrong.
+            white[stretch, 0] = np.hypot(NOISE.stretch_least * particles.spacing, NOISE.stretch * swing**2 / lengthwise.length)
             motion[:, 0] = np.hypot(NOISE.along * size[:, 0], np.where(turned, NOISE.turned * swing, 0.0))
-            drift[:, 0] = np.where(turned, NOISE.drift_turned * swing, NOISE.drift_stretch * whole[:, 0])
+            drift[:, 0] = np.where(turned, NOISE.drift_turned * swing, NOISE.drift_stretch * swing)
             motion[0, 0], drift[0, 0] = NOISE.along_whole * swing, NOISE.drift_whole * swing
         slow = np.hypot(white, motion)
         white = NOISE.motion_white * slow
         if len(moved) >= NOISE.swift:
             from scipy.signal import savgol_filter  # slow to import, and edits and samples need none
 
-            white = np.hypot(white, _sizes(moved - savgol_filter(moved, NOISE.swift, 3, axis=0), parts))
+            swift = _sizes(moved - savgol_filter(moved, NOISE.swift, 3, axis=0), parts)
+            if lengthwise is not None:
+                swift[lengthwise.stretch, 0] *= NOISE.swift_stretch
+            white = np.hypot(white, swift)
     factor = NOISE.plastic_factor if plastic and not held else 1.0
     swings = [mismatch_covariance(len(moved), *one, NOISE.slow_time, factor) for one in zip(white.ravel(), slow.ravel())]
     walk = _integrated_walk(np.arange(len(moved)) / NOISE.drift_frames)

@@ -8,11 +8,11 @@ import numpy as np
 
 from ...errors import UsageError
 from ...records import Particles, PointTargets
-from ..prior.basis import held_axis, runs_of, spatial_basis
+from ..prior.basis import held_axis, runs_of, spatial_basis, told_apart
 from .arc import along_the_curve
 from .channels import check, first_speed, noise_of, second_derivative
 from .constants import NOISE
-from .mismatch import point_mismatch
+from .mismatch import Lengthwise, point_mismatch
 
 WILD_ROUNDS = 8
 """Fits of the smooth motion without what is wild, at most."""
@@ -28,8 +28,7 @@ class Curve:
     """(T+1, modes) [m]."""
     axis: np.ndarray
     """(3,) at rest."""
-    lengthwise: np.ndarray
-    """(modes,) bool: the modes that vary along the body only, not across it."""
+    lengthwise: Lengthwise
 
 
 @dataclass(frozen=True)
@@ -144,8 +143,10 @@ def point_channels(particles: Particles, targets: PointTargets, plastic: bool) -
     operator, observed = np.zeros((frames, modes.shape[1], len(particles.x))), np.zeros((frames, modes.shape[1], 3))
     known = np.zeros((frames, modes.shape[1]), bool)
     for t, seen in enumerate(targets.visible):
-        fitted = min(modes.shape[1], int(seen.sum()))
-        if fitted:  # fewer points than modes still tell of the smoothest ones
+        # Where half the body is hidden, only its smoothest modes are told apart; the others would take part of their amplitudes.
+        even = weight[seen, None] / np.sqrt((weight[seen] ** 2).mean()) if seen.any() else 1.0
+        fitted = told_apart(even * modes[seen], NOISE.told)
+        if fitted:
             inverse = _inverse(modes[seen, :fitted], weight[seen])
             operator[t, :fitted] = inverse @ points[seen]
             observed[t, :fitted] = inverse @ targets.x[t, seen]
@@ -194,7 +195,8 @@ def _curve(particles: Particles, targets: PointTargets, points: np.ndarray, weig
     if found is None:
         return None
     observed = np.einsum("tmkc,tkc->tm", found, targets.x[:, always])
-    return Curve(np.einsum("tmkc,kn->tmnc", found, points[always], optimize=True), observed, axis, lengthwise)
+    operator = np.einsum("tmkc,kn->tmnc", found, points[always], optimize=True)
+    return Curve(operator, observed, axis, Lengthwise(lengthwise, float(np.ptp(rest @ axis))))
 
 
 def _between(observed: np.ndarray, known: np.ndarray) -> np.ndarray:
