@@ -82,7 +82,7 @@ def square(tmp_path: Path) -> Path:
         (["--distance", "near"], "`--distance` must be a finite number; this is 'near'."),
         (["--pixels-per-metre", "nan"], "`--pixels-per-metre` must be above 0 px/m; this is nan."),
         (["--frames", "9:3"], "must be two frames in order"),
-        (["--fov", "180"], "must be above 0 and below 180 °; this is 180."),
+        (["--fov", "180"], "must be at least 1 and at most 170 °; this is 180."),
         (["--iterations", "1.5"], "`--iterations` must be a whole number; this is '1.5'."),
         (["--representation", "magic"], "must be causal_triplane or kplanes or point; this is 'magic'."),
         (["--box", "1", "2", "3", "4", "--mask", "m.png"], "not allowed with"),

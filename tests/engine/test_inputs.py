@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.command.arguments import parser
-from seeing_wind.engine.command.inputs import refuse_of_another
+from seeing_wind.engine.command.inputs import refuse_of_another, refuse_of_another_edit
 from seeing_wind.engine.command.verbs import VERBS
 from seeing_wind.engine.errors import ClipError, UsageError
 from seeing_wind.engine.progress import NoProgress
@@ -77,10 +77,17 @@ def test_so_do_trajectories(tmp_path: Path) -> None:
     refused(path, "recover-trajectories", path, "--take", path.parent, says="lies in the take")
 
 
-def test_so_do_an_edit_and_the_meshes_that_it_names(mine, tmp_path: Path) -> None:
-    take, edit = tmp_path / "windy.take", tmp_path / "edit.toml"
+@pytest.fixture
+def windy(tmp_path: Path) -> Path:
+    """A take with a field in it."""
+    take = tmp_path / "windy.take"
     take.mkdir()
     UniformField(np.array([[0.0] * 3, [1.0] * 3]), 25.0, 4, np.zeros(3)).save(take / "field.safetensors")
+    return take
+
+
+def test_so_do_an_edit_and_the_meshes_that_it_names(mine, windy: Path, tmp_path: Path) -> None:
+    take, edit = windy, tmp_path / "edit.toml"
     mesh = mine("bodies/leaf.npz")
     edit.write_text('[[body]]\nname = "leaf"\nmesh = "own/bodies/leaf.npz"\n')
     refused(mesh, "resimulate", take, "--edit", edit, "--take", mesh.parents[1], says="leaf.npz of .* lies in the take")
@@ -121,3 +128,15 @@ def test_a_take_of_another_clip_stays(mine, tmp_path: Path, verb: str) -> None:
     refuse_of_another(Take(take), str(moved))
     with pytest.raises(UsageError, match="another clip"):
         refuse_of_another(Take(take), str(clay))
+
+
+def test_a_re_simulation_of_another_edit_stays(mine, windy: Path, tmp_path: Path) -> None:
+    first, flag, second = mine("first.toml"), mine("out/bodies/flag.npz"), tmp_path / "second.toml"
+    out, leaf = flag.parents[1], '[[body]]\nname = "leaf"\nmesh = "leaf.obj"\n'
+    (out / "take.toml").write_text(f'format = 1\n[stages.resimulate]\nstamp = "0"\n[stages.resimulate.settings]\nedit = "{first}"\n')
+    second.write_text(leaf)
+    refused(flag, "resimulate", windy, "--edit", second, "--take", out, says="out holds the re-simulation of another edit")
+    own = out / "edit.toml"
+    for mended in (first, own):  # what changed since in its place, and what the panel writes into the folder, is the folder's edit
+        mended.write_text(leaf)
+        refuse_of_another_edit(Take(out), mended)

@@ -91,23 +91,44 @@ def refuse_of_another(take: Take, clip: str) -> None:
     Raises:
         UsageError: it would be.
     """
-    try:
-        of = take.description().get("stages", {}).get("observe", {}).get("settings", {}).get("clip")
-    except TakeError:  # told by the stage that reads it
-        return
-    if isinstance(of, str) and of and "\0" not in of and _another(clip, of):
+    of = _settings_of(take, "observe").get("clip")
+    if _another(clip, of):
         raise UsageError(
             f"{take.path} is the take of another clip, {of}, and not of {clip}.",
             "Choose another folder with --take, or move that one away.",
         )
 
 
-def _another(clip: str, than: str) -> bool:
-    if os.path.realpath(clip) == os.path.realpath(than):
+def refuse_of_another_edit(take: Take, edit: Path) -> None:
+    """The same of a re-simulation. An edit that lies in the folder itself, as the panel's do, is that folder's own.
+
+    Raises:
+        UsageError: it is another edit's.
+    """
+    of = _settings_of(take, "resimulate").get("edit")
+    if not edit.resolve().is_relative_to(take.path.resolve()) and _another(str(edit), of):
+        raise UsageError(
+            f"{take.path} holds the re-simulation of another edit, {of}, and not of {edit}.",
+            "Choose another folder with --take, or move that one away.",
+        )
+
+
+def _settings_of(take: Take, stage: str) -> dict[str, object]:
+    """What a stage of the take was given; nothing where the take cannot be read, which is told by the stage that reads it."""
+    try:
+        settings: dict[str, object] = take.description().get("stages", {}).get(stage, {}).get("settings", {})
+    except TakeError:
+        return {}
+    return settings
+
+
+def _another(file: str, than: object) -> bool:
+    """Whether a file is another one than a take names, if it names any: neither the same, nor a copy, nor one that was moved."""
+    if not isinstance(than, str) or not than or "\0" in than or os.path.realpath(file) == os.path.realpath(than):
         return False
-    if os.path.isfile(clip) and os.path.isfile(than):
-        return not filecmp.cmp(clip, than, shallow=False)
-    return os.path.basename(clip) != os.path.basename(than)
+    if os.path.isfile(file) and os.path.isfile(than):
+        return not filecmp.cmp(file, than, shallow=False)
+    return os.path.basename(file) != os.path.basename(than)
 
 
 def _files(clip: str) -> list[Path]:

@@ -14,7 +14,7 @@ from ..progress import Progress
 from ..record_arrays import read_body, read_recovery
 from ..settings.tables import read_edit
 from ..take import Take, json_text, npz, require_take, stamp_of
-from .inputs import inputs_of_edit, made_of
+from .inputs import inputs_of_edit, made_of, refuse_of_another_edit
 from .lock import held
 
 if TYPE_CHECKING:
@@ -41,6 +41,7 @@ def resimulate(arguments: argparse.Namespace, progress: Progress) -> dict[str, A
             raise TakeError(f"{source.path} has no recovered object.", f'{hint} instead of "recovered".')
         recovered = (read_body(source), read_recovery(source))
     stamp = stamp_of(Path(arguments.edit), source.file(FIELD if field.kind == "wind" else "field.safetensors"))
+    refuse_of_another_edit(out, Path(arguments.edit))
     holding = held(out, arguments.verb, progress, inputs_of_edit(Path(arguments.edit)), made_of(edit))
     with holding, TakeJournal(out, stamp, progress) as journal:
         progress.begin("resimulate", "simulating")
