@@ -19,12 +19,11 @@ from ..progress import Journal, Progress
 from ..records import Material, Outcome, Particles, Recovery
 from ..settings import RecoverSettings
 from .blocks import blocks, most_modes
+from .diagnostics.missed import astray, far_off, free_fall
 from .diagnostics.posterior import missed_acceleration, posterior_deviation, unseen_variation
 from .diagnostics.remarks import (
     DISTRUST,
-    astray,
     end_remarks,
-    far_off,
     force_remarks,
     held_remarks,
     motion_remarks,
@@ -193,7 +192,7 @@ class Clip:
         acceleration = np.concatenate([one.acceleration for one in kept])
         wild = np.concatenate([one.wild for one in kept])
         residual = self.objective.root_mean_square(x)
-        held_up = self._remark(x, acceleration, material, residual, views, wild)
+        held_up = self._remark(x, kept[0].trajectory.v[0], acceleration, material, residual, views, wild)
         deviation = self._deviation(np.concatenate([one.deviation for one in kept]), x, held_up)
         return Recovery(
             outcome=Outcome.CONVERGED if all(one.converged for one in kept) else Outcome.MAX_ITERATIONS,
@@ -220,9 +219,17 @@ class Clip:
         )
 
     def _remark(
-        self, x: np.ndarray, acceleration: np.ndarray, material: Material, residual: np.ndarray, views: int, wild: np.ndarray
+        self,
+        x: np.ndarray,
+        v0: np.ndarray,
+        acceleration: np.ndarray,
+        material: Material,
+        residual: np.ndarray,
+        views: int,
+        wild: np.ndarray,
     ) -> bool:
-        """Note what the motion x (T+1, N, 3) [m] and the acceleration (T, N, 3) [m/s²] do not tell, the worst first.
+        """Note what the motion x (T+1, N, 3) [m] from v0 (N, 3) [m/s] on and the acceleration (T, N, 3) [m/s²] do not tell, the worst
+        first.
 
         Returns:
             Whether the force is only what holds the body up against gravity.
@@ -240,14 +247,18 @@ class Clip:
         self.notes += unseen_remarks(self.objective.used)
         self.notes += wild_remarks(self.objective.channels)
         self.notes += end_remarks(wild)
+        fall = None
         if not self.particles.pinned.any():
-            self.notes += force_remarks(acceleration, material.density, x, self.fps, self.settings.gravity)
+            unneeded = force_remarks(acceleration, material.density, x, self.fps, self.settings.gravity)
+            self.notes += unneeded
+            if not unneeded:  # else free fall is what was seen, and missing as much as it does is no fault
+                fall = free_fall(self.particles.x, v0.mean(axis=0), self.settings.gravity, len(x) - 1, self.fps)
         held_up = reaction_remarks(self.particles, acceleration, x, self.settings.gravity)
         self.notes[:0] = held_up
         if lost:
             self.notes.insert(0, f"{lost} {DISTRUST}: check the outline, the tracks and the scale.")
-        elif views:
-            self.notes[:0] = far_off(self.particles, self.objective.channels, x, residual)
+        else:
+            self.notes[:0] = far_off(self.particles, self.objective.channels, x, residual, fall)
         self.notes += self._stiffness_remark(material)
         return bool(held_up)
 

@@ -10,7 +10,8 @@ from seeing_wind.engine.field.confidence import confidence_map
 from seeing_wind.engine.progress import Cancelled, NoProgress, Progress
 from seeing_wind.engine.records import Attachment, Outcome, Particles, TrackTargets
 from seeing_wind.engine.recovery.blocks import blocks
-from seeing_wind.engine.recovery.diagnostics.remarks import distrusted, far_off
+from seeing_wind.engine.recovery.diagnostics.missed import far_off, free_fall
+from seeing_wind.engine.recovery.diagnostics.remarks import distrusted
 from seeing_wind.engine.recovery.recover import recover
 from seeing_wind.engine.recovery.solve.constants import PACE
 from seeing_wind.engine.recovery.targets.objective import Objective
@@ -143,13 +144,49 @@ def test_motion_that_no_force_explains_is_no_result():
         recover(body, RUBBER, points(body, x), FPS, WEIGHTLESS, NoProgress())
 
 
+def seen_in_pixels(body, x, sigma=0.1):
+    xy = np.stack([camera().project(one)[0] for one in x])
+    return track_channels(body, TrackTargets(xy, np.ones(xy.shape[:2], bool), np.full(xy.shape[:2], sigma), camera(), every(body)), False)
+
+
 def test_a_body_that_stays_off_what_was_seen_is_not_to_be_trusted():
-    body = plate((6, 5, 2))
-    x = np.stack([body.x + [0.01 * t, 0.0, 0.0] for t in range(9)])
-    channels, off = [point_channels(body, points(body, x), False)], np.full(9, 0.002)
+    body = plate((20, 2, 20))  # 250 px across
+    x = np.stack([body.x + [0.1 * t, 0.0, 0.0] for t in range(9)])
+    channels, off = [seen_in_pixels(body, x)], np.full(9, 4.0)
     assert far_off(body, channels, x, off) == []
-    notes = far_off(body, channels, x, 5.0 * off)
-    assert "10 mm (median)" in notes[0] and distrusted(["else", *notes]) == notes
+    notes = far_off(body, channels, x, 4.0 * off)
+    assert "16 pixels (median)" in notes[0] and distrusted(["else", *notes]) == notes
+
+
+@pytest.mark.parametrize("pixels", [True, False])
+def test_what_is_missed_is_compared_with_the_motion_that_a_force_has_to_explain(pixels):
+    """A third of a swing that ends 20 px from its start is 2 px in the mean, less than what points may be off that go as far."""
+    body = plate((20, 2, 20), pinned=lambda X: X[:, 2] < -0.18)
+    time, height = np.arange(14)[:, None], (body.x[:, 2] - body.x[:, 2].min()) / 0.38
+
+    def swung(most: float) -> np.ndarray:
+        return body.x + (most * np.sin(0.12 * time) * height**2)[..., None] * [1.0, 0.0, 0.0]
+
+    def told(found: np.ndarray, seen: np.ndarray, fall: np.ndarray | None = None) -> list[str]:
+        channels = [seen_in_pixels(body, seen, sigma=0.3) if pixels else point_channels(body, points(body, seen), False)]
+        return far_off(body, channels, found, Objective(channels).root_mean_square(found), fall)
+
+    (note,) = told(swung(0.66 * 0.042), swung(0.042))
+    assert "of the motion that a force has to explain" in note and distrusted([note]) == [note]
+    assert told(swung(0.95 * 0.042), swung(0.042)) == []
+    falling = free_fall(body.x, np.array([0.0, 0.0, 1.0]), (0.0, 0.0, -9.81), 13, FPS)
+    blown = falling + 0.5 * 0.3 * (time / FPS)[..., None] ** 2 * [1.0, 0.0, 0.0]
+    assert told(falling, blown) == [] and told(falling, blown, falling), "it falls 0.5 m, and the wind moves it by 0.03 m"
+    assert told(blown + 0.05 * (blown - falling), blown, falling) == []
+
+
+def test_noise_of_points_that_nobody_stated_is_not_missed_motion():
+    body = plate((4, 4, 3))
+    x = np.stack([body.x + [0.002 * t**2, 0.0, 0.0] for t in range(12)])
+    noisy = x + 0.02 * np.random.default_rng(0).standard_normal(x.shape)
+    noisy[0] = body.x
+    channels = [point_channels(body, points(body, noisy), False)]
+    assert far_off(body, channels, x, Objective(channels).root_mean_square(x)) == []
 
 
 def test_points_that_are_missed_by_their_stated_errors_alone_are_explained():
@@ -168,15 +205,13 @@ def test_tracks_that_are_missed_by_much_of_their_way_are_told():
 
     def told(way: float, off: float, share: float = 1.0) -> list[str]:
         x = np.stack([body.x + [way * t / 8, 0.0, 0.0] for t in range(9)])
-        xy = np.stack([camera().project(one)[0] for one in x])
-        xy[1:, : round(share * len(body.x)), 0] += off
-        seen = TrackTargets(xy, np.ones(xy.shape[:2], bool), np.full(xy.shape[:2], 0.1), camera(), every(body))
-        channels = [track_channels(body, seen, False)]
-        return far_off(body, channels, x, Objective(channels).root_mean_square(x))
+        seen = seen_in_pixels(body, x)
+        seen.targets.xy[1:, : round(share * len(body.x)), 0] += off
+        return far_off(body, [seen], x, Objective([seen]).root_mean_square(x))
 
-    assert told(way=0.1, off=2.0) == [] and told(way=0.02, off=0.9) == [] and told(way=0.02, off=3.0, share=0.4) == []
+    assert told(way=0.1, off=2.0) == [] and told(way=0.02, off=0.9) == [] and told(way=0.02, off=3.0, share=0.3) == []
     (note,) = told(way=0.02, off=2.0)
-    assert "of the way that its points went" in note and distrusted([note]) == [note]
+    assert "of the motion that a force has to explain" in note and distrusted([note]) == [note]
     assert told(way=0.002, off=2.0) == [], "of a body that stays there is another note"
 
 

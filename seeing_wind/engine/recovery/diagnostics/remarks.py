@@ -15,16 +15,10 @@ from ..targets.objective import Channels
 from ..targets.points import PointChannels
 from ..targets.tracks import TrackChannels
 
-ASTRAY, ASTRAY_NOISE = 0.1, 10.0
-"""A simulation explains nothing that misses the points by more than the body's size, this share of their way, and so many deviations."""
 DISTRUST = "Do not use this field"
 """In every note that says so."""
 EXPLAINS_NOTHING = "no force explains this motion"
 """In the note of `astray`."""
-FAR = 0.05
-"""Median distance of tracks from the simulation, relative to the body's size, from which nobody should trust the force."""
-UNEXPLAINED = 0.1
-"""Median distance of points from the simulation, relative to how far they moved, from which there is a note."""
 SUDDEN, SUDDEN_WAY = 6.0, 1e-4
 """Largest distance of points from the simulation, relative to the median and to how far they moved, from which there is a note."""
 STILL = 0.02
@@ -41,41 +35,6 @@ LOOSE = 3.0
 """Pixels by which half the tracks on what is held leave their place, from which there is a note."""
 
 
-def astray(particles: Particles, channels: Sequence[Channels], x: np.ndarray, residual: np.ndarray) -> str:
-    """What to say of a simulation x (T+1, N, 3) [m] whose residual (T+1,) is at some time larger than the body; "" if at none.
-
-    Nobody can use such a force: units, frame rate or the points' order are wrong, or the body jumps between two frames.
-    """
-    first, worst = channels[0], int(residual.argmax())
-    size, noise, unit = _size(particles, first, x)
-    if residual[worst] <= max(size, ASTRAY * _way(first), ASTRAY_NOISE * noise):
-        return ""
-    return (
-        f"In {frame_named(worst)} the simulated body is {in_units(residual[worst], unit)} from where it was seen, more than its size "
-        f"({in_units(size, unit)}): {EXPLAINS_NOTHING}."
-    )
-
-
-def far_off(particles: Particles, channels: Sequence[Channels], x: np.ndarray, residual: np.ndarray) -> list[str]:
-    """On a simulation x (T+1, N, 3) [m] that most of the time is off what was seen by residual (T+1,): by much of the body's size, or,
-    half of its points at least, of the way that they went."""
-    shown = residual[1:][residual[1:] > 0.0]
-    size, noise, unit = _size(particles, channels[0], x)
-    far, way = float(np.median(shown)) if len(shown) else 0.0, _way(channels[0])
-    if far <= ASTRAY_NOISE * noise or size == 0.0:  # of a body that is a point, `astray` says what there is to say
-        return []
-    much = f"{100.0 * far / size:.0f} % of its size"
-    if far <= FAR * size:
-        far = float(np.nanmedian(channels[0].distance(x)[1:]))  # points that were placed wrong say nothing of the others
-        if far <= max(UNEXPLAINED * way, ASTRAY_NOISE * noise) or way < STILL * size:
-            return []
-        much = f"{100.0 * far / way:.0f} % of the way that its points went at most"
-    return [
-        f"The simulated body is {in_units(far, unit)} (median) from where it was seen, {much}. {DISTRUST}: check the outline, "
-        "what is held, the depth and the material."
-    ]
-
-
 def distrusted(notes: Sequence[str]) -> list[str]:
     """Those of a recovery's notes that say that its field is of no use."""
     return [note for note in notes if DISTRUST in note]
@@ -86,22 +45,7 @@ def worst_first(notes: Sequence[str]) -> list[str]:
     return sorted(notes, key=lambda note: 0 if DISTRUST in note or EXPLAINS_NOTHING in note else 1 if UNHELD in note else 2)
 
 
-def _size(particles: Particles, first: Channels, x: np.ndarray) -> tuple[float, float, str]:
-    """Diameter of the body in the first frame of x (T+1, N, 3), noise of what was seen, and the unit of both."""
-    if isinstance(first, TrackChannels):
-        noise = float(np.median(first.targets.sigma[first.targets.visible]))
-        return 2.0 * _radius(first.camera.project(x[0])[0]), noise, "pixels"
-    return max(2.0 * _radius(particles.x), 3.0 * particles.spacing), 0.0, "m"
-
-
-def _way(first: Channels) -> float:
-    """How far a point went at most from where it was in the first frame [px or m]."""
-    seen = first.targets.x if isinstance(first, PointChannels) else first.targets.xy
-    visible = first.targets.visible
-    return float(np.linalg.norm(np.where((visible & visible[0])[..., None], seen - seen[0], 0.0), axis=-1).max())
-
-
-def _radius(x: np.ndarray) -> float:
+def radius_of(x: np.ndarray) -> float:
     """How far one of the points (N, 3) is at most from their middle."""
     return float(np.linalg.norm(x - x.mean(axis=0), axis=1).max())
 
@@ -115,14 +59,9 @@ def motion_remarks(particles: Particles, x: np.ndarray, residual: np.ndarray, vi
     moved = np.linalg.norm(x - x[0], axis=-1).max()
     shown = residual[1:][residual[1:] > 0.0]  # nothing was seen in the others
     far, peak = float(np.median(shown)) if len(shown) else 0.0, int(residual.argmax())
-    small, off = STILL * max(_radius(particles.x), particles.spacing), math.sqrt(max(far**2 - errors**2, 0.0))
+    small, off = STILL * max(radius_of(particles.x), particles.spacing), math.sqrt(max(far**2 - errors**2, 0.0))
     if moved < small and (views or off < small):
         notes.append(f"The body hardly moves ({in_units(moved, 'm', 2)}): the force is known only as the one that holds it still.")
-    elif not views and off > UNEXPLAINED * moved:
-        notes.append(
-            f"The simulated body moves by {in_units(moved, 'm', 2)} and stays {in_units(far, 'm', 2)} (median) off the points: no force "
-            f"that was found explains the motion. {DISTRUST}: check units, axes and the material."
-        )
     if not views and residual[peak] > max(SUDDEN * far, SUDDEN_WAY * moved):
         notes.append(
             f"In {frame_named(peak)} the simulated body is {in_units(residual[peak], 'm', 2)} off, otherwise {in_units(far, 'm', 2)}: "
@@ -161,7 +100,7 @@ def reaction_remarks(particles: Particles, acceleration: np.ndarray, x: np.ndarr
     """
     down = np.asarray(gravity, dtype=np.float64)
     centre = x.mean(axis=1)
-    leaves = float(np.linalg.norm(centre - centre[0], axis=1).max()) > max(_radius(particles.x), particles.spacing)
+    leaves = float(np.linalg.norm(centre - centre[0], axis=1).max()) > max(radius_of(particles.x), particles.spacing)
     carried = np.linalg.norm(acceleration.mean(axis=(0, 1)) + down) < REACTION * np.linalg.norm(down)
     if particles.pinned.any() or leaves or not carried:
         return []
