@@ -36,7 +36,7 @@ class Progress:
         self.stage = stage
         self.update(0.0, message)
 
-    def update(self, fraction: float, message: str = "", **figures: float) -> None:
+    def update(self, fraction: float, message: str = "", **figures: float | str) -> None:
         """Report `fraction` (0..1) of the current stage, with optional figures such as `residual`. A safe point."""
         self.check()
         self._emit({"type": "progress", "stage": self.stage, "fraction": round(float(fraction), 4), "message": message, **figures})
@@ -64,7 +64,7 @@ class _Part(Progress):
         self._whole.stage = stage
         self.update(0.0, message)
 
-    def update(self, fraction: float, message: str = "", **figures: float) -> None:
+    def update(self, fraction: float, message: str = "", **figures: float | str) -> None:
         self._whole.update(self._begin + fraction * (self._end - self._begin), message, **figures)
 
     def warn(self, message: str) -> None:

@@ -47,7 +47,8 @@ def work(seconds: float) -> None:
         for k in range(rounds + 1):
             if stopped:
                 cancelled()
-            send(type="progress", stage=stage, fraction=k / rounds, message=f"{stage} part {k} of {rounds}", residual=1.0 / (k + 1))
+            far = {"residual": 1.0 / (k + 1), "residual_unit": "px"}
+            send(type="progress", stage=stage, fraction=k / rounds, message=f"{stage} part {k} of {rounds}", **far)
             rest = time.monotonic() + seconds / (len(STAGES) * (rounds + 1))
             while not stopped and (left := rest - time.monotonic()) > 0.0:
                 time.sleep(min(0.02, left))  # a whole 0.02 s at each of 36 steps would make a short job a long one

@@ -9,6 +9,7 @@ import math
 import time
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -118,7 +119,8 @@ class Clip:
 
             def tell(fraction: float, what: str, residual: float | None, part: int = part, at: float = done, share: float = share) -> None:
                 where = f" (part {part + 1} of {len(cuts)})" if len(cuts) > 1 else ""
-                figures = {} if residual is None or not np.isfinite(residual) else {"residual": round(residual, 3)}
+                known = residual is not None and np.isfinite(residual)
+                figures: dict[str, Any] = {"residual": float(f"{residual:.3g}"), "residual_unit": self.objective.unit} if known else {}
                 self.progress.update(at + share * fraction, what + where, **figures)
 
             start = kept[-1].trajectory.state(-1) if kept else None
@@ -202,7 +204,7 @@ class Clip:
             F=F,
             v0=kept[0].trajectory.v[0],
             residual=residual,
-            residual_unit="px" if views else "m",
+            residual_unit=self.objective.unit,
             iterations=sum(one.iterations for one in kept),
             seconds=time.monotonic() - began,
             notes=self.notes,

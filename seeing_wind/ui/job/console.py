@@ -6,7 +6,7 @@ import sys
 import time
 from typing import TYPE_CHECKING, TextIO
 
-from .panel_words import in_panel_words
+from .panel_words import in_panel_words, residual_told
 
 if TYPE_CHECKING:
     from .worker import Message
@@ -53,8 +53,9 @@ class Console:
         if stage == self.stage and now - self.shown < EVERY and not last:
             return
         self.stage, self.shown = stage, now
-        residual = f", residual {message['residual']:.4g}" if "residual" in message else ""
-        print(f"{stage:>10} {100 * message.get('fraction', 0.0):4.0f} %  {message.get('message', '')}{residual}", file=self.out, flush=True)
+        residual = residual_told(message)
+        told = f"{message.get('message', '')}{', residual ' * bool(residual)}{residual}"
+        print(f"{stage:>10} {100 * message.get('fraction', 0.0):4.0f} %  {told}", file=self.out, flush=True)
 
 
 class ReportsBesides(Console):

@@ -153,8 +153,8 @@ def draw_progress(layout, context, step: status.Step, cancelling: bool) -> None:
     draw_text(lines, context, step.message[:1].upper() + step.message[1:])
     if step.expected is not None:
         lines.label(text=f"The solve takes about {in_words(step.expected)}")
-    if step.residual is not None:
-        lines.label(text=f"Residual {step.residual:.3g}")
+    if step.residual:
+        lines.label(text=f"Residual {step.residual}")
     row = column.row()
     row.enabled = not cancelling
     row.operator("seeing_wind.cancel", text="Stopping..." if cancelling else "Cancel", icon="CANCEL")

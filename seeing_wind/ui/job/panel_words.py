@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import Any
 
-from ...engine.conventions import FRAME
+from ...engine.conventions import FRAME, in_units
 from ...engine.settings import BuildSettings, ObserveSettings, RecoverSettings, WindSettings, options_of
 
 STAGES = (ObserveSettings, BuildSettings, RecoverSettings, WindSettings)
@@ -26,3 +27,8 @@ def in_scene_frames(text: str, frame_of: Callable[[int], int]) -> str:
 def in_panel_words(text: str) -> str:
     """The text with each flag that the panel has a property for called by its label."""
     return re.sub(r"`?(--[a-z][a-z-]*)`?", lambda found: LABELS.get(found[1], found[0]), text)
+
+
+def residual_told(message: Mapping[str, Any]) -> str:
+    """How far the simulation is from what was seen, of a message of progress, with its unit; "" where it does not say."""
+    return in_units(float(message["residual"]), str(message.get("residual_unit", ""))).strip() if "residual" in message else ""

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
 
-from .panel_words import in_panel_words
+from .panel_words import in_panel_words, residual_told
 
 
 class State(StrEnum):
@@ -66,8 +66,8 @@ class Step:
     """While running: when it began, or when it was through with what an earlier run had finished [s of the monotonic clock]."""
     inherited: float = 0.0
     """While running: the part of `fraction` that an earlier run had finished."""
-    residual: float | None = None
-    """While running: the recovery's latest."""
+    residual: str = ""
+    """While running: how far the recovery's latest simulation is from what was seen."""
     expected: float | None = None
     """While running: what the solve takes on this machine, as it was foreseen [s]."""
 
@@ -158,7 +158,7 @@ def receive(status: SceneStatus, step: str, message: dict[str, Any]) -> bool:
             entry.fraction = entry.inherited = last
             entry.started = time.monotonic()
         if "residual" in message:
-            entry.residual = float(message["residual"])
+            entry.residual = residual_told(message)
         if "expected_seconds" in message:
             entry.expected = float(message["expected_seconds"])
     elif kind == "warning":

@@ -144,6 +144,18 @@ def test_motion_that_no_force_explains_is_no_result():
         recover(body, RUBBER, points(body, x), FPS, WEIGHTLESS, NoProgress())
 
 
+@pytest.mark.parametrize("unit", ["px", "m"])
+def test_the_residual_told_on_the_way_is_the_one_reported_at_the_end(unit):
+    """Else a user who watches 0.3 deviations reads 2 px in the report."""
+    body, told = plate((6, 2, 4)), []
+    x, _ = blow(body, lambda X, t: np.zeros_like(X) + [3.0 * np.cos(0.8 * t), 0.0, 2.0], 10)
+    targets = points(body, x) if unit == "m" else [seen_in_pixels(body, x).targets]
+    found = recover(body, RUBBER, targets, FPS, WEIGHTLESS, Progress(told.append))
+    last = [message for message in told if "residual" in message][-1]
+    assert last["residual_unit"] == found.residual_unit == unit
+    assert last["residual"] == pytest.approx(np.median(found.residual[1:]), rel=0.3)
+
+
 def seen_in_pixels(body, x, sigma=0.1):
     xy = np.stack([camera().project(one)[0] for one in x])
     return track_channels(body, TrackTargets(xy, np.ones(xy.shape[:2], bool), np.full(xy.shape[:2], sigma), camera(), every(body)), False)

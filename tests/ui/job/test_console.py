@@ -26,6 +26,13 @@ def test_the_doctor_shows_every_check_and_what_to_do() -> None:
     ]
 
 
+def test_a_residual_has_a_unit() -> None:
+    out = io.StringIO()
+    for residual, unit in ((0.314, "px"), (0.0023, "m")):
+        Console(out).show({"type": "progress", "stage": "recover", "fraction": 0.5, "residual": residual, "residual_unit": unit})
+    assert [line.split(", residual ")[1] for line in out.getvalue().splitlines()] == ["0.314 px", "2.3 mm"]
+
+
 def test_a_failure_is_not_said_twice() -> None:
     out, err = io.StringIO(), io.StringIO()
     console = Console(out, err)

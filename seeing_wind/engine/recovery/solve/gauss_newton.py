@@ -86,7 +86,7 @@ def solve(
     residuals: Residuals,
     linearise: Callable[[np.ndarray], Linearisation],
     iterations: int,
-    report: Callable[[int, float], None] = lambda iteration, cost: None,
+    report: Callable[[int, np.ndarray], None] = lambda iteration, residual: None,
     point: Linearisation | None = None,
     tolerance: float = PACE.tolerance,
     per_unknown: float = PACE.tolerance_per_unknown,
@@ -99,7 +99,7 @@ def solve(
         residuals: of several candidates at once.
         linearise: residual and Jacobian at one point; where it breaks down, what was found before stands, if anything was.
         iterations: Jacobians at most, the one given not counted.
-        report: called with the number of Jacobians so far and the cost.
+        report: called with the number of Jacobians so far and the whitened residuals (m,).
         point: a linearisation near `theta` to begin with.
         tolerance, per_unknown: what a step must promise, as a share of the cost and per unknown.
     """
@@ -115,7 +115,7 @@ def solve(
                 return Solution(theta, residual, cost, used, False, before)
             residual = point.residual
         cost = float(cost_of(residual[None], (theta - mean)[None], precision)[0])
-        report(used, cost)
+        report(used, residual)
         at_start, damped = cost, _damped(point.normal, precision)
         for _ in range(PACE.chord_steps):
             gradient = point.jacobian @ residual + precision @ (theta - mean)

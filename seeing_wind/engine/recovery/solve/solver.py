@@ -46,7 +46,7 @@ class Solver:
     """Jacobians that a solve may use at most."""
     progress: Progress
     tell: Callable[[float, str, float | None], None]
-    """Told the fraction done, what is being done, and the misfit in the observations' standard deviations (root mean square)."""
+    """Told the fraction done, what is being done, and how far the simulation is from what was seen, see `Objective.median_distance`."""
     still: np.ndarray
     """(T,) bool: the block's frames without a force."""
     steady: np.ndarray
@@ -103,21 +103,16 @@ class Solver:
         but for its theta, which is whole."""
         active = np.ones(len(theta), bool) if active is None else active
         problem = Problem(forward, self.objective.until(len(forward.hats)), prior, theta, active)
-        misfit: float | None = None
 
-        def linearise(candidate: np.ndarray) -> Linearisation:
-            nonlocal misfit
-            found = problem.linearise(candidate)
-            misfit = problem.objective.misfit(found.residual)
-            return found
-
-        def report(iteration: int, cost: float) -> None:
-            done = share[0] + (share[1] - share[0]) * max(iteration - 1, 0) / max(iterations, 1)
-            self.tell(done, f"{what}, iteration {iteration}", misfit)
+        def report(iteration: int, white: np.ndarray, over: bool = False) -> None:
+            part = 1.0 if over else max(iteration - 1, 0) / max(iterations, 1)
+            far = problem.objective.median_distance(white)
+            self.tell(share[0] + (share[1] - share[0]) * part, f"{what}, iteration {iteration}", far)
 
         work = partial(
-            gauss_newton, theta[active], *problem.belief(), problem.residuals, linearise, iterations, report, point, tolerance,
+            gauss_newton, theta[active], *problem.belief(), problem.residuals, problem.linearise, iterations, report, point, tolerance,
             per_unknown,
         )  # fmt: skip
         solution = self.journal.once("solve", Solution, work, theta, active, prior.precision(), iterations)
+        report(solution.iterations, solution.residual, over=True)
         return replace(solution, theta=problem.whole(solution.theta[None])[0])

@@ -63,6 +63,11 @@ class Objective:
         return part
 
     @property
+    def unit(self) -> str:
+        """Of distances."""
+        return "px" if isinstance(self.channels[0], TrackChannels) else "m"
+
+    @property
     def frames(self) -> int:
         """T."""
         return len(self.used) - 1
@@ -83,6 +88,14 @@ class Objective:
     def misfit(self, white: np.ndarray) -> float:
         """Root mean square of whitened residuals (channels (T+1),): in the observations' standard deviations."""
         return float(np.sqrt((white**2).sum() / max(int(self.used.sum()), 1)))
+
+    def median_distance(self, white: np.ndarray) -> float:
+        """Of the simulation from what was seen, root mean square over the points and median over the frames [px or m], by whitened
+        residuals (channels (T+1),): what `root_mean_square` tells of a trajectory, of points in 3D that of their smooth motion."""
+        square = (self.unwhitened(white[None])[0] ** 2).sum(axis=1)
+        if isinstance(self.channels[0], TrackChannels):  # two channels a point; modes share all points
+            square = square / np.maximum(0.5 * self.used.sum(axis=1), 1.0)
+        return float(np.median(np.sqrt(square[self.used.any(axis=1)]))) if self.used.any() else 0.0
 
     def unwhitened(self, white: np.ndarray) -> np.ndarray:
         """What `whiten` made of it: (B, channels (T+1)) -> raw (B, T+1, channels), 0 where not used."""

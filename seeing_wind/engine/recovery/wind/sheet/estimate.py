@@ -199,8 +199,8 @@ def _start(problem: SheetProblem, mean: float) -> np.ndarray:
 
 
 def _solved(problem: SheetProblem, prior: Prior, theta: np.ndarray, progress: Progress) -> Solution:
-    def report(iteration: int, cost: float) -> None:
-        progress.update(iteration / (ITERATIONS + 1), "finding the wind", cost=cost)
+    def report(iteration: int, residual: np.ndarray) -> None:
+        progress.update(iteration / (ITERATIONS + 1), "finding the wind")
 
     return solve(
         theta, np.zeros(len(theta)), prior.precision(), lambda trials: np.stack([problem.residual(one) for one in trials]),
