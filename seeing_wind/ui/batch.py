@@ -22,6 +22,7 @@ from .job.worker_command import command, environment
 
 if TYPE_CHECKING:
     from ..engine.command.batch.jobs import Job
+    from ..engine.command.batch.summary import Summary
 
 Show = Callable[[worker.Message], None]
 
@@ -44,12 +45,12 @@ def batch(options: list[str], out: console.Console) -> int:
         raise UsageError("batch takes one file of jobs.", "blender --command seeing_wind batch JOBS.toml [--again]")
     path = Path(words[0])
     summary = Summary(path, read_jobs(path), whole=True, again="--again" in options)
-    run_in_order(summary, lambda each, made: _do(python, each, made, out), lambda line: print(line, flush=True))
+    run_in_order(summary, lambda each, made: _do(python, summary, each, made, out), lambda line: print(line, flush=True))
     print(summary.table(), flush=True)
     return summary.exit_code
 
 
-def _do(python: str, each: Job, made: bool, out: console.Console) -> None:
+def _do(python: str, summary: Summary, each: Job, made: bool, out: console.Console) -> None:
     """One job; `made`: its takes are there. Raises SeeingWindError with what the worker said, or Cancelled."""
     said: list[str] = []
 
@@ -66,6 +67,7 @@ def _do(python: str, each: Job, made: bool, out: console.Console) -> None:
 
     for verb, *options in [] if made else each.calls():
         must(run_verb(python, verb, options, show))
+        summary.recovered.add(each.take)
     if each.needs_blender:
         must(build(python, each.take, str(each.clip or ""), each.edit_take, show))
     if each.save is not None:

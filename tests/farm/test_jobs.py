@@ -88,6 +88,34 @@ def test_a_failed_job_does_not_stop_the_others_and_is_tried_again(workplace):
     assert done == ["a", "b", "c", "a", "b"] and [row["outcome"] for row in rows(workplace)] == ["done", "done", "skipped"]
 
 
+def test_a_job_that_needs_the_take_of_a_failed_one_does_not_run_on_an_older_take(workplace):
+    later = '[[job]]\nname = "later"\ntake = "a.take"\nedit = "edit.toml"\n'
+    (workplace / "jobs.toml").write_text(TABLE.format("a") + later + TABLE.format("b"))
+    (workplace / "a.take").mkdir()
+    (workplace / "a.take" / FIELD).write_bytes(b"of last week")
+    path, begun = workplace / "jobs.toml", []
+
+    def go(recovers: bool) -> list[dict]:
+        summary = Summary(path, read_jobs(path), whole=False, again=True)
+
+        def do(job: Job, made: bool) -> None:
+            begun.append(job.name)
+            if job.name == "a" and recovers:
+                summary.recovered.add(job.take)
+            if job.name == "a":
+                raise SeeingWindError("No object.", "Draw a box.")
+            make(job, made)
+
+        run_in_order(summary, do, lambda line: None)
+        return rows(workplace)
+
+    ended = go(recovers=False)
+    assert begun == ["a", "b"] and [row["outcome"] for row in ended] == ["failed", "failed", "done"]
+    assert ended[1]["message"].startswith("Left out: it needs ") and "a, which makes that, failed" in ended[1]["message"]
+    go(recovers=True)  # and failed after that, say where it saves a file
+    assert begun[2:] == ["a", "later", "b"]
+
+
 def test_a_cancel_leaves_the_rest_and_forgets_nothing_that_was_done_before(workplace):
     text = TABLE.format("a") + TABLE.format("b")
     (workplace / "jobs.toml").write_text(text)
@@ -157,6 +185,7 @@ def test_options_become_words(workplace):
     (workplace / "jobs.toml").write_text(
         '[[job]]\ntrajectories = "clip.mp4"\ntake = "t"\nrecover = { no_gravity = true, mask = "x/../m.png", seed = 4, pin = false }\n'
     )
+    (workplace / "m.png").touch()
     ((verb, *options),) = read_jobs(workplace / "jobs.toml")[0].calls()
     assert verb == "recover-trajectories" and options[3:] == ["--no-gravity", "--mask", str(workplace / "m.png"), "--seed", "4"]
 
@@ -173,6 +202,10 @@ def test_options_become_words(workplace):
         ('[[job]]\ntake = "t"\nclip = "clip.mp4"\ncolour = "red"', "unknown key colour"),
         ('[[job]]\ntake = "t"\nclip = "clip.mp4"\ntrajectories = "clip.mp4"', "a clip and trajectories"),
         ('[[job]]\ntake = "t"\ntrajectories = "clip.mp4"\nrender = "a.mp4"', "goes over a clip"),
+        ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nrender = "a.avi"', "a.avi cannot be written"),
+        ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nrecover = { material = "leef" }', "no material 'leef'"),
+        ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nrecover = { mask = "m.png" }', "mask of job 1: there is no file"),
+        ('[[job]]\ntake = "t"\nclip = "shot_%04d.png"', "there are no images"),
         ('[[job]]\ntake = 3\nclip = "clip.mp4"', "no text"),
         ('[[job]]\nname = "a"\ntake = "t"\nclip = "clip.mp4"\n[[job]]\nname = "a"\ntake = "u"\nclip = "clip.mp4"', "Two jobs"),
         ('[[job]]\ntake = "t"\nclip = "clip.mp4"\n[[job]]\ntake = "t"\nclip = "edit.toml"', "job 1 and job 2 recover different"),
@@ -182,6 +215,15 @@ def test_options_become_words(workplace):
 def test_wrong_files_are_refused_before_anything_is_done(workplace, text, says):
     (workplace / "jobs.toml").write_text(text)
     with pytest.raises(UsageError, match=says):
+        read_jobs(workplace / "jobs.toml")
+
+
+def test_a_file_that_a_job_above_makes_need_not_be_there(workplace: Path) -> None:
+    below = TABLE.format("b") + 'recover = { pin = "a.take/held.png" }\n'
+    (workplace / "jobs.toml").write_text(TABLE.format("a") + below)
+    assert len(read_jobs(workplace / "jobs.toml")) == 2
+    (workplace / "jobs.toml").write_text(below + TABLE.format("a"))
+    with pytest.raises(UsageError, match="pin of b: there is no file"):
         read_jobs(workplace / "jobs.toml")
 
 

@@ -91,6 +91,7 @@ class Farm:
                 continue
             self.waiting.remove(job)
             try:
+                self.summary.check_take(job)
                 job.check_edit_take()
                 self.flights.append(self._start(job, 1, []))
             except SeeingWindError as error:

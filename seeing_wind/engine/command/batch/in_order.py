@@ -17,7 +17,7 @@ def run_in_order(summary: Summary, do: Callable[[Job, bool], None], say: Callabl
 
     Args:
         do: does one job, given whether its takes are made already; raises `SeeingWindError` where it fails, `Cancelled` after a cancel,
-            which leaves the other jobs for the next time.
+            which leaves the other jobs for the next time. Adds a take to `Summary.recovered` once it has its field.
         say: told a line per job.
     """
     total = len(summary.jobs)
@@ -36,8 +36,11 @@ def run_in_order(summary: Summary, do: Callable[[Job, bool], None], say: Callabl
 
 def _attempt(summary: Summary, do: Callable[[Job, bool], None], job: Job) -> tuple[str, str]:
     try:
+        summary.check_take(job)
         made = summary.takes_done(job)
-        if not made:
+        if made:
+            summary.recovered.add(job.take)
+        else:
             job.check_edit_take()
         do(job, made)
     except Cancelled:

@@ -23,7 +23,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ...errors import TakeError, UsageError
+from ...conventions import image_files
+from ...errors import MaterialError, TakeError, UsageError
+from ...materials import find
 from ...settings import ObserveSettings, options_of
 from ...settings.tables import names_in, read_users_toml, tables_of
 
@@ -31,6 +33,8 @@ SOURCES = ("clip", "trajectories")
 FILES = {"objects", *(one.name for one in options_of(ObserveSettings).values() if one.file)}
 """Options of `recover` that are paths."""
 FIELD = "field.safetensors"
+VIDEO = ".mp4"
+"""Ending of what Blender renders, H.264 in MP4 (`ui.composite.own.set_output`)."""
 
 
 @dataclass(frozen=True)
@@ -73,11 +77,15 @@ class Job:
 
     def reads(self) -> list[Path]:
         """The files that it reads, those that are there."""
-        found = [self.source, self.edit, *(Path(self.recover[key]) for key in FILES & self.recover.keys())]
+        found = [self.source, self.edit, *(file for _, file in self.named_files())]
         found += [self.edit.parent / name for name in names_in(self.edit)] if self.edit is not None else []
         if self.clip is not None and _is_sequence(self.clip):
             found += sorted((self.clip if self.clip.is_dir() else self.clip.parent).iterdir())
         return [path for path in found if path is not None and path.is_file()]
+
+    def named_files(self) -> list[tuple[str, Path]]:
+        """The files that the options of `recover` name, each with its option."""
+        return [(key, Path(self.recover[key])) for key in sorted(FILES & self.recover.keys()) if isinstance(self.recover[key], str)]
 
     def takes_made(self) -> bool:
         """Whether its takes are there, and the re-simulation is that of its own edit."""
@@ -126,7 +134,8 @@ def read_jobs(path: Path) -> list[Job]:
     """The jobs of a file.
 
     Raises:
-        UsageError: no such file, no TOML, no jobs, an unknown key, a missing file, two jobs of one name or with one result.
+        UsageError: no such file, no TOML, no jobs, an unknown key or material, a missing file, an ending that cannot be rendered, two
+            jobs of one name or with one result.
     """
     values, hint = read_users_toml(path, "The file of jobs"), "See docs/guide/batch-and-farm.md for what belongs in it."
     tables = tables_of(values, "job", f"The file of jobs {path}", hint)
@@ -142,7 +151,12 @@ def _check_together(jobs: list[Job]) -> None:
     names = [job.name for job in jobs]
     written: dict[Path, str] = {}
     makers: dict[Path, Job] = {}
+    made: list[Path] = []
     for job in jobs:
+        for key, file in job.named_files():
+            if not file.is_file() and not any(take in file.parents for take in made):
+                raise UsageError(f"{key} of {job.name}: there is no file {file}.", RELATIVE)
+        made += job.takes()
         if names.count(job.name) > 1:
             raise UsageError(f"Two jobs are named {job.name}.", "Give each a name of its own.")
         if job.source is not None:
@@ -158,6 +172,7 @@ def _check_together(jobs: list[Job]) -> None:
                 raise UsageError(f"{written[output]} and {job.name} both write {output}.", "Give one of them another path.")
 
 
+RELATIVE = "Correct the path; it is relative to the file of jobs."
 KEYS = {each.name for each in dataclasses.fields(Job)}
 PATHS = KEYS - {"name", "recover"}
 
@@ -185,7 +200,16 @@ def _job(table: dict[str, Any], number: int, path: Path) -> Job:
     paths = {key: Path(os.path.abspath(home / os.path.expanduser(table[key]))) for key in PATHS & table.keys()}
     for key in (*SOURCES, "edit"):
         if key in paths and not paths[key].is_file() and not (key == "clip" and _is_sequence(paths[key])):
-            raise UsageError(f"{key} of {name}: there is no file {paths[key]}.", "Correct the path; it is relative to the file of jobs.")
+            raise UsageError(f"{key} of {name}: there is no file {paths[key]}.", RELATIVE)
+    if "clip" in paths and _is_sequence(paths["clip"]) and not paths["clip"].is_file() and not image_files(str(paths["clip"])):
+        raise UsageError(f"clip of {name}: there are no images {paths['clip']}.", RELATIVE)
+    if "render" in paths and paths["render"].suffix.lower() != VIDEO:
+        raise UsageError(f"render of {name}: {paths['render'].name} cannot be written.", f"Blender renders a video: let it end in {VIDEO}.")
+    if isinstance(options.get("material"), str):
+        try:
+            find(options["material"])
+        except MaterialError as error:
+            raise UsageError(f"material of {name}: {error.message}", error.hint) from error
     if "edit" in paths:
         paths.setdefault("edit_take", paths["take"].with_name(f"{paths['take'].name.removesuffix('.take')}.edit.take"))
     options = {key: os.path.abspath(home / value) if key in FILES and isinstance(value, str) else value for key, value in options.items()}

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ... import systems
-from ...errors import UsageError
+from ...errors import SeeingWindError, UsageError
 from ...reading import read_json
 from .jobs import Job
 
@@ -48,6 +48,8 @@ class Summary:
             raise UsageError(f"The summary's place {self.path} is taken by what is no file.", "Move it away, or rename the file of jobs.")
         self.jobs, self.whole, self.again = jobs, whole, again
         self.outcomes: dict[str, Outcome] = {}
+        self.recovered: set[Path] = set()
+        """Takes that a job of this run has recovered, whatever became of the rest of it."""
         self._before = _former(self.path)
 
     def takes_done(self, job: Job) -> bool:
@@ -59,6 +61,21 @@ class Summary:
         if not self.whole:
             return self.takes_done(job)
         return self.takes_done(job) and self._before[job.name][1] == job.digest() and job.files_made()
+
+    def check_take(self, job: Job) -> None:
+        """See that a job does not go on from what an earlier run left in a take, where the job that makes it has failed in this one.
+
+        Raises:
+            SeeingWindError: it would.
+        """
+        if job.source is not None or job.take in self.recovered:
+            return
+        for other in self.jobs[: self.jobs.index(job)]:
+            ended = self.outcomes.get(other.name)
+            if other.source is not None and other.take == job.take and ended is not None and ended.outcome == "failed":
+                raise SeeingWindError(
+                    f"Left out: it needs {job.take}, and {other.name}, which makes that, failed.", "Mend that job, and run the batch again."
+                )
 
     def skip(self, job: Job) -> Outcome:
         """Note a job that was done before."""

@@ -43,7 +43,7 @@ def batch(arguments: argparse.Namespace, progress: Progress) -> dict[str, Any]:
             progress.stage = "batch"
             progress.update(len(summary.outcomes) / len(jobs), line)
 
-        run_in_order(summary, lambda job, made: _do(job, made, progress), say)
+        run_in_order(summary, lambda job, made: _do(summary, job, made, progress), say)
     else:
         from .farm import ATTEMPTS, Farm
         from .ray_cluster import Cluster
@@ -66,7 +66,7 @@ def _check(job: Job) -> None:
         raise UsageError(f"{job.name}: {error.message}", error.hint) from error
 
 
-def _do(job: Job, made: bool, progress: Progress) -> None:
+def _do(summary: Summary, job: Job, made: bool, progress: Progress) -> None:
     """One job here: its verbs, each in a process of its own, their messages passed on."""
     for call in [] if made else job.calls():
         for messages in messages_of(call):
@@ -77,6 +77,7 @@ def _do(job: Job, made: bool, progress: Progress) -> None:
                     progress.update(message["fraction"], f"{job.name}: {message['message']}")
                 elif message["type"] == "warning":
                     progress.warn(f"{job.name}: {message['message']}")
+        summary.recovered.add(job.take)
 
 
 def _result(summary: Summary) -> dict[str, Any]:
