@@ -124,6 +124,18 @@ def test_a_further_view_that_is_not_there_is_told_before_the_work(engine, square
     assert "c.json, which is no file" in missing["message"] and not (tmp_path / "t.take").exists()
 
 
+def test_a_further_view_of_other_frames_is_told_before_the_work(engine, square: Path, tmp_path: Path) -> None:
+    other = clip(tmp_path / "other.avi", frames=11)
+    for name in ("c.json", "m.png"):
+        (tmp_path / name).write_text("read later")
+    words = ["recover", square, "--take", tmp_path / "t.take", "--box", 12, 10, 32, 30]
+    words += ["--view", other, tmp_path / "c.json", tmp_path / "m.png"]
+    refused = engine(*words, expect=2)[-2]
+    assert "has 11 frames" in refused["message"] and f"{square} 8" in refused["message"] and "--frames" in refused["hint"]
+    assert not (tmp_path / "t.take").exists()
+    assert "frames" not in engine(*words, "--frames", "0:7", expect=2)[-2]["message"]
+
+
 def test_a_take_that_is_a_file(engine, square: Path) -> None:
     error = engine("recover", square, "--take", square, "--box", 12, 10, 32, 30, expect=1)[-2]
     assert "is no folder" in error["message"] and "--take" in error["hint"]

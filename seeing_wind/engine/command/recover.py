@@ -103,13 +103,7 @@ def recover_one(arguments: argparse.Namespace, progress: Progress) -> Result:
 
     # What is wrong is told before the work begins, and before a folder is made.
     require_clip(arguments.clip)
-    for clip, *files in arguments.view:
-        require_clip(clip)
-        if Path(clip).resolve() == Path(arguments.clip).resolve():
-            raise UsageError(f"--view names {clip}, the clip itself.", "A further view is what another camera took meanwhile.")
-        for name in files:
-            if not Path(name).is_file():
-                raise UsageError(f"--view names {name}, which is no file.", "Give each further view a clip, a camera and a mask.")
+    _check_views(arguments, progress)
     adjust(find(arguments.material), **properties_of(arguments))
     settings = settings_of(RecoverSettings, arguments, clamp_depth=PAINTED_DEPTH)
     check_solve(settings, clip=True, views=len(arguments.view))
@@ -119,6 +113,29 @@ def recover_one(arguments: argparse.Namespace, progress: Progress) -> Result:
     refuse_of_another(Take(arguments.take), arguments.clip)
     with held(Take(arguments.take), arguments.verb, progress, inputs_of(arguments)) as take:
         return _recover_into(take, arguments, settings, endpoint, progress)
+
+
+def _check_views(arguments: argparse.Namespace, progress: Progress) -> None:
+    """Refuse further views that are not there, or not of the clip's frames."""
+    from ..observe.clip.frames import count_frames, require_clip
+
+    for clip, *files in arguments.view:
+        require_clip(clip)
+        if Path(clip).resolve() == Path(arguments.clip).resolve():
+            raise UsageError(f"--view names {clip}, the clip itself.", "A further view is what another camera took meanwhile.")
+        for name in files:
+            if not Path(name).is_file():
+                raise UsageError(f"--view names {name}, which is no file.", "Give each further view a clip, a camera and a mask.")
+    if not arguments.view:
+        return
+    clips = (arguments.clip, *(view[0] for view in arguments.view))
+    counts = {clip: count_frames(clip, arguments.frames, progress) for clip in clips}
+    for clip, *_ in arguments.view:
+        if counts[clip] != counts[arguments.clip]:
+            raise UsageError(
+                f"--view {clip} has {counts[clip]} frames, and {arguments.clip} {counts[arguments.clip]}: views are of the same frames.",
+                "Cut one of them, or choose with --frames those that all have; the first is the same moment in all.",
+            )
 
 
 def _recover_into(

@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from ...errors import ClipError, UsageError
+from ...errors import UsageError
 from ...progress import Progress
 from ...settings import ObserveSettings, options_of
 from ...take import Take
@@ -181,8 +181,10 @@ def _frame_count(job: Job, maker: Job | None) -> int:
 
     Raises:
         TakeError: the take that should be there has no report.
-        ClipError: as `_count`.
+        ClipError: as `count_frames`.
     """
+    from ...observe.clip.frames import count_frames
+
     if maker is None:
         return int(Take(job.take).read_json("report.json")["frames"]) + 1
     if maker.clip is None:
@@ -191,25 +193,7 @@ def _frame_count(job: Job, maker: Job | None) -> int:
     if isinstance(frames, str):
         first, last = options_of(ObserveSettings)["frames"].read(frames)
         return last - first + 1
-    return _count(maker.clip)
-
-
-def _count(clip: Path) -> int:
-    """Frames of a clip, by decoding: containers' own numbers are wrong too often. Raises ClipError where there are none."""
-    from ...observe.clip.frames import files_of
-
-    files = files_of(str(clip))
-    if files != [clip]:
-        return len(files)
-    import cv2
-
-    capture, count = cv2.VideoCapture(str(clip)), 0
-    while capture.grab():
-        count += 1
-    capture.release()
-    if count == 0:
-        raise ClipError(f"{clip} holds no frame that can be read.", "Convert it to H.264 MP4, or give a folder of images.")
-    return count
+    return count_frames(str(maker.clip))
 
 
 _ENGINE: dict[str, Any] = {

@@ -169,6 +169,27 @@ def files_of(path: str, frames: tuple[int, int] | None = None) -> list[Path]:
     return image_files(path)[max(first, 0) : None if last is None else last + 1]
 
 
+def count_frames(path: str, frames: tuple[int, int] | None = None, progress: Progress = NoProgress()) -> int:
+    """How many frames of a clip lie in the range, by decoding: containers' own numbers are wrong too often.
+
+    Raises:
+        ClipError: none does.
+    """
+    first, last = _range(frames)
+    if is_sequence(path) or Path(path).suffix.lower() in IMAGE_SUFFIXES:
+        count = len(files_of(path, frames))
+    else:
+        capture, count = cv2.VideoCapture(path), 0
+        while (last is None or count <= last) and capture.grab():
+            progress.check()
+            count += 1
+        capture.release()
+        count = max(0, count - first)
+    if count == 0:
+        raise ClipError(f"{path} holds no frame that can be read.", "Convert it to H.264 MP4, or give a folder of images.")
+    return count
+
+
 def _range(frames: tuple[int, int] | None) -> tuple[int, int | None]:
     if frames is None:
         return 0, None
