@@ -21,7 +21,7 @@ from ..records import Material, Outcome, Particles, Recovery
 from ..settings import RecoverSettings
 from .blocks import blocks, most_modes
 from .diagnostics.missed import astray, far_off, free_fall
-from .diagnostics.posterior import missed_acceleration, posterior_deviation, unseen_variation
+from .diagnostics.posterior import missed_acceleration, posterior_deviation, unseen_guess, unseen_variation
 from .diagnostics.remarks import (
     DISTRUST,
     end_remarks,
@@ -195,7 +195,7 @@ class Clip:
         wild = np.concatenate([one.wild for one in kept])
         residual = self.objective.root_mean_square(x)
         held_up = self._remark(x, kept[0].trajectory.v[0], acceleration, material, residual, views, wild)
-        deviation = self._deviation(np.concatenate([one.deviation for one in kept]), x, held_up)
+        deviation = self._deviation(np.concatenate([one.deviation for one in kept]), x, acceleration, held_up)
         return Recovery(
             outcome=Outcome.CONVERGED if all(one.converged for one in kept) else Outcome.MAX_ITERATIONS,
             force_density=material.density * acceleration,
@@ -272,9 +272,11 @@ class Clip:
         beside = self.stiffness.at(self.stiffness.q - [given, 0.0, 0.0, 0.0], self.stiffness.covariance)
         return remark(beside, stiffer(self.model, math.exp(given)), self.particles)
 
-    def _deviation(self, posterior: np.ndarray, x: np.ndarray, held_up: bool) -> np.ndarray:
-        """(T, N, 3) of the acceleration [m/s²]: the posterior's, what the motion misses, and gravity where only that is answered."""
-        deviation = posterior
+    def _deviation(self, posterior: np.ndarray, x: np.ndarray, acceleration: np.ndarray, held_up: bool) -> np.ndarray:
+        """(T, N, 3) of the acceleration [m/s²]: the posterior's, what the motion misses, what nobody saw, and gravity where only that is
+        answered."""
+        unseen = np.where(self.still, 0.0, unseen_guess(acceleration, self.objective.used))
+        deviation = np.hypot(posterior, unseen[:, None, None])
         for one in self.objective.channels:
             if isinstance(one, PointChannels):
                 missed = np.where(self.still, 0.0, missed_acceleration(one.targets, x, self.fps))

@@ -91,6 +91,21 @@ def test_tracks_that_slide_in_the_last_frames_do_not_pull_the_force_along():
     assert "to frame 15 is not seen" in note
 
 
+def test_the_force_is_not_known_in_frames_in_which_nothing_is_seen():
+    body = plate((3, 3, 2))
+    x, _ = blow(body, lambda X, t: np.zeros_like(X) + [3.0, 0.0, 2.0 * np.sin(0.3 * t)], 18)
+
+    def confidence(*hidden: int) -> np.ndarray:
+        seen = points(body, x)
+        seen.visible[list(hidden)] = False
+        return confidence_map(recover(body, RUBBER, seen, FPS, WEIGHTLESS, NoProgress()), body).value.mean(axis=1)
+
+    assert confidence().min() > 0.95 and confidence(8).min() > 0.95, "what comes before and after tells one frame"
+    gap, end = confidence(*range(6, 12)), confidence(16, 17, 18)
+    assert gap[5:12].max() < 0.5 and gap[[0, 1, 2, 3, 14, 15, 16]].min() > 0.95
+    assert end[15:].max() < 0.5 and end[:14].min() > 0.95
+
+
 def test_one_centroid_of_a_small_ball_gives_a_uniform_force():
     body = plate((4, 4, 4), 0.01)
     gravity = (0.0, 0.0, -9.81)
