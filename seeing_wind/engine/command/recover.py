@@ -9,7 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..errors import ObjectError, UsageError
+from ..errors import ClipError, ObjectError, UsageError
 from ..materials import adjust, find
 from ..progress import Journal, Progress
 from ..records import Body, Observation, Outcome, Recovery, TrackTargets
@@ -129,7 +129,10 @@ def _check_views(arguments: argparse.Namespace, progress: Progress) -> None:
     if not arguments.view:
         return
     clips = (arguments.clip, *(view[0] for view in arguments.view))
-    counts = {clip: count_frames(clip, arguments.frames, progress) for clip in clips}
+    try:
+        counts = {clip: count_frames(clip, arguments.frames, progress) for clip in clips}
+    except ClipError:
+        return  # told by the stage that reads it
     for clip, *_ in arguments.view:
         if counts[clip] != counts[arguments.clip]:
             raise UsageError(
