@@ -1,8 +1,8 @@
 """`python -m seeing_wind.engine VERB ...`: the worker.
 
 JSON lines on stdout and nothing else: progress, warning, error, and one result at the end. Logs go to stderr. Ctrl-C in a terminal
-(SIGINT) stops at the next safe point, and so does the pipe of a parent (`command.cancelling`). Exit code 0 done, 1 failed with a message,
-2 wrong usage, 3 done but for what the result's `warnings` name (an image or a video; the field is there), 130 cancelled.
+(SIGINT) stops at the next safe point, and so does the pipe of a parent (`command.cancelling`). Exit codes: 0 done, 130 cancelled, and
+those of `errors`.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 
 from .command import cancelling  # noqa: E402
 from .command.arguments import parser  # noqa: E402
-from .errors import CANCELLED, DONE_WITH_WARNINGS, MissingPackage, SeeingWindError  # noqa: E402
+from .errors import CANCELLED, DONE_WITH_WARNINGS, FAILED, MissingPackage, SeeingWindError  # noqa: E402
 from .progress import Cancelled, Progress  # noqa: E402
 from .records import Outcome  # noqa: E402
 
@@ -119,7 +119,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         )
     protocol.send({"type": "result", **result, "seconds": round(time.perf_counter() - started, 2)})
     if result["outcome"] == Outcome.DIVERGED:
-        return 1
+        return FAILED
     return DONE_WITH_WARNINGS if result.get("warnings") else 0
 
 

@@ -1,12 +1,17 @@
 """Errors that a user can act on: each says what happened, and `hint` what to do next.
 
-Misuse and failure are exceptions; a recovery that merely stops early is not (see `records.Outcome`).
+Misuse and failure are exceptions; a recovery that merely stops early is not (see `records.Outcome`). Their classes alone say which of the
+two it was, and so which exit code the command line returns.
 """
 
 from __future__ import annotations
 
+FAILED = 1
+"""Exit code of a job that could not do its work with what it was given: a full disk, a missing package, a simulation that breaks down."""
+WRONG_INPUT = 2
+"""Exit code where what was given cannot be used, whenever that is found: options, a file, the clip, or the object in it."""
 DONE_WITH_WARNINGS = 3
-"""Exit code of a job whose result is there, but not every image or video of it."""
+"""Exit code of a job whose result is there, but not every image or video of it, or is not to be trusted: its `warnings` say which."""
 CANCELLED = 130
 """Exit code after a cancel, as a shell reports SIGINT."""
 
@@ -21,7 +26,7 @@ class SeeingWindError(Exception):
     `exit_code` is what the command line returns; `mend` names the control that the panel offers beside the message, or "".
     """
 
-    exit_code = 1
+    exit_code = FAILED
     mend = ""
 
     def __init__(self, message: str, hint: str = "") -> None:
@@ -34,23 +39,27 @@ class SeeingWindError(Exception):
 
 
 class UsageError(SeeingWindError):
-    """Options that contradict each other or are out of range: nothing was started."""
+    """Options or files that cannot be used: they contradict each other, are out of range, or hold something else."""
 
-    exit_code = 2
+    exit_code = WRONG_INPUT
 
 
 class ClipError(SeeingWindError):
     """The clip cannot be opened, is no video, or has too few frames."""
 
+    exit_code = WRONG_INPUT
+
 
 class ObjectError(SeeingWindError):
     """No object where the mask or box says, or one too small to follow."""
+
+    exit_code = WRONG_INPUT
 
 
 class MaterialError(SeeingWindError):
     """A material that is not in the library or whose numbers are not physical."""
 
-    exit_code = 2
+    exit_code = WRONG_INPUT
 
 
 class ModelError(SeeingWindError):
@@ -69,7 +78,7 @@ class SimulationError(SeeingWindError):
 
 
 class TakeError(SeeingWindError):
-    """The take on disk is missing, unreadable, or lacks the stage that is asked for."""
+    """A take that cannot be read or written, or is in use."""
 
 
 def extra(name: str) -> str:

@@ -67,7 +67,7 @@ class Take:
         """Make the folder and see that it can be written, before hours of work are to be kept in it.
 
         Raises:
-            TakeError: when it cannot.
+            TakeError: when it cannot. UsageError: it is a file.
         """
         if systems.too_long(self.path, LONGEST_NAME):
             raise TakeError(
@@ -75,7 +75,7 @@ class Take:
                 "Choose a folder with a shorter path, or switch long paths on in Windows.",
             )
         if self.path.exists() and not self.path.is_dir():
-            raise TakeError(f"{self.path} is there already and is no folder.", "Choose another folder with --take.")
+            raise UsageError(f"{self.path} is there already and is no folder.", "Choose another folder with --take.")
         try:
             self.path.mkdir(parents=True, exist_ok=True)
             with tempfile.TemporaryFile(dir=self.path):

@@ -102,20 +102,20 @@ def test_wrong_usage_is_one_sentence_and_exit_code_two(engine, square: Path, tmp
 
 
 def test_no_such_clip(engine, tmp_path: Path) -> None:
-    error = engine("recover", tmp_path / "none.mp4", "--take", tmp_path / "t.take", expect=1)[-2]
+    error = engine("recover", tmp_path / "none.mp4", "--take", tmp_path / "t.take", expect=2)[-2]
     assert error["type"] == "error" and "none.mp4" in error["message"] and error["hint"]
     assert not (tmp_path / "t.take").exists()
 
 
 def test_a_file_that_is_no_video(engine, tmp_path: Path) -> None:
     (tmp_path / "text.mp4").write_text("not a video\n" * 100)
-    error = engine("recover", tmp_path / "text.mp4", "--take", tmp_path / "t.take", "--box", 1, 1, 9, 9, expect=1)[-2]
+    error = engine("recover", tmp_path / "text.mp4", "--take", tmp_path / "t.take", "--box", 1, 1, 9, 9, expect=2)[-2]
     assert error["type"] == "error" and "text.mp4" in error["message"]
 
 
 def test_a_further_view_that_is_not_there_is_told_before_the_work(engine, square: Path, tmp_path: Path) -> None:
     box = ["--box", 12, 10, 32, 30]
-    missing = engine("recover", square, "--take", tmp_path / "t.take", *box, "--view", tmp_path / "no.mp4", "c.json", "m.png", expect=1)[-2]
+    missing = engine("recover", square, "--take", tmp_path / "t.take", *box, "--view", tmp_path / "no.mp4", "c.json", "m.png", expect=2)[-2]
     assert "no.mp4" in missing["message"]
     missing = engine("recover", square, "--take", tmp_path / "t.take", *box, "--view", square, tmp_path / "c.json", "m.png", expect=2)[-2]
     assert "the clip itself" in missing["message"] and not (tmp_path / "t.take").exists()
@@ -137,7 +137,7 @@ def test_a_further_view_of_other_frames_is_told_before_the_work(engine, square: 
 
 
 def test_a_take_that_is_a_file(engine, square: Path) -> None:
-    error = engine("recover", square, "--take", square, "--box", 12, 10, 32, 30, expect=1)[-2]
+    error = engine("recover", square, "--take", square, "--box", 12, 10, 32, 30, expect=2)[-2]
     assert "is no folder" in error["message"] and "--take" in error["hint"]
 
 
@@ -176,7 +176,7 @@ def test_the_take_is_no_folder_of_the_clip_s_frames(engine, tmp_path: Path) -> N
 
 
 def test_one_frame_is_no_clip(engine, tmp_path: Path) -> None:
-    error = engine("recover", clip(tmp_path / "one.avi", 1), "--take", tmp_path / "t.take", "--box", 12, 10, 32, 30, expect=1)[-2]
+    error = engine("recover", clip(tmp_path / "one.avi", 1), "--take", tmp_path / "t.take", "--box", 12, 10, 32, 30, expect=2)[-2]
     assert error["type"] == "error" and error["hint"]
 
 
@@ -190,9 +190,9 @@ def test_what_the_engine_says_of_itself_and_of_frame_rates(engine, square: Path,
 def test_a_take_that_has_lost_its_object_is_not_said_to_be_of_trajectories(engine, windy: Path, tmp_path: Path) -> None:
     (tmp_path / "edit.toml").write_text('[[body]]\nname = "leaf"\nmesh = "recovered"\n')
     words = ["resimulate", windy, "--edit", tmp_path / "edit.toml", "--take", tmp_path / "o.take"]
-    assert "came from trajectories" in engine(*words, expect=1)[-2]["hint"]
+    assert "came from trajectories" in engine(*words, expect=2)[-2]["hint"]
     Take(windy).finish("build", "stamp", {})
-    assert "particles.npz is missing" in engine(*words, expect=1)[-2]["hint"]
+    assert "particles.npz is missing" in engine(*words, expect=2)[-2]["hint"]
 
 
 @pytest.mark.parametrize("box", [(100, 100, 140, 140), (-50, -50, -10, -10)])
@@ -203,7 +203,7 @@ def test_a_box_outside_the_frame(engine, square: Path, tmp_path: Path, box: tupl
 
 def test_a_mask_of_nothing(engine, square: Path, tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "mask.png"), np.zeros((48, 64), np.uint8))
-    error = engine("recover", square, "--take", tmp_path / "t.take", "--mask", tmp_path / "mask.png", expect=1)[-2]
+    error = engine("recover", square, "--take", tmp_path / "t.take", "--mask", tmp_path / "mask.png", expect=2)[-2]
     assert "0 pixels" in error["message"] and "mask" in error["hint"].lower()
 
 

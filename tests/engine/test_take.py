@@ -85,7 +85,7 @@ def test_a_take_is_seen_to_be_writable_first(tmp_path: Path) -> None:
     Take(tmp_path / "deep" / "take").prepare()
     assert (tmp_path / "deep" / "take").is_dir() and not list((tmp_path / "deep" / "take").iterdir())
     (tmp_path / "file").write_text("x")
-    with pytest.raises(TakeError, match="is no folder"):
+    with pytest.raises(UsageError, match="is no folder"):
         Take(tmp_path / "file").prepare()
 
 

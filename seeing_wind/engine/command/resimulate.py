@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..errors import TakeError, UsageError
+from ..errors import UsageError
 from ..progress import Progress
 from ..record_arrays import read_body, read_recovery
 from ..settings.tables import read_edit
@@ -38,7 +38,7 @@ def resimulate(arguments: argparse.Namespace, progress: Progress) -> dict[str, A
             of_clip = "build" in source.description().get("stages", {})
             lost = "particles.npz is missing: run `recover` for this take again, or insert a mesh"
             hint = lost if of_clip else "It came from trajectories: insert a mesh"
-            raise TakeError(f"{source.path} has no recovered object.", f'{hint} instead of "recovered".')
+            raise UsageError(f"{source.path} has no recovered object.", f'{hint} instead of "recovered".')
         recovered = (read_body(source), read_recovery(source))
     stamp = stamp_of(Path(arguments.edit), source.file(FIELD if field.kind == "wind" else "field.safetensors"))
     refuse_of_another_edit(out, Path(arguments.edit))

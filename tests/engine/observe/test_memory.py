@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scenes import Scene, write_video
 
-from seeing_wind.engine.errors import ClipError
+from seeing_wind.engine.errors import FAILED, SeeingWindError
 from seeing_wind.engine.observe.clip.frames import read_clip
 from seeing_wind.engine.observe.clip.stored import StoredFrames
 
@@ -64,11 +64,12 @@ def test_a_full_disk_says_what_to_do(disc: Scene) -> None:
     try:
         for frames, says in ((0.5, "frames: no file may be so large"), (3, "frames after the first 3: no file may be so large")):
             resource.setrlimit(resource.RLIMIT_FSIZE, (round(frames * disc.frames[0].nbytes), before[1]))
-            with pytest.raises(ClipError, match=f"no room for the clip's {says}") as caught:
+            with pytest.raises(SeeingWindError, match=f"no room for the clip's {says}") as caught:
                 read_clip(disc.path)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
         signal.signal(signal.SIGXFSZ, handler)
+    assert caught.value.exit_code == FAILED, "the clip itself could be used"
     assert "ulimit" in caught.value.hint and "TMPDIR" in caught.value.hint and "--frames" in caught.value.hint
 
 

@@ -78,8 +78,9 @@ def read_clip(
         watch: is shown each frame (H, W, 3) uint8 RGB, upright, at the file's own size.
 
     Raises:
-        ClipError: nothing there, not a video, an empty range, fewer than two frames, or no room on disk for the decoded ones.
+        ClipError: nothing there, not a video, an empty range, or fewer than two frames.
         UsageError: a frame rate that is not positive, or none for a sequence of images, which carries none.
+        SeeingWindError: no room on disk for the decoded frames.
     """
     if fps is not None and not FRAME_RATES[0] <= fps <= FRAME_RATES[1]:
         raise UsageError(f"The frame rate {fps:g} is not one of a camera.", "Give the clip's frames per second, for example --fps 30.")

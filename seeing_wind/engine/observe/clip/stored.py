@@ -11,7 +11,7 @@ from typing import overload
 
 import numpy as np
 
-from ...errors import ClipError
+from ...errors import SeeingWindError
 from ...progress import Progress
 
 
@@ -40,7 +40,7 @@ class StoredFrames:
         """Add a `frame` (H, W, 3) uint8 RGB at the end.
 
         Raises:
-            ClipError: the disk of the temporary folder is full, or no file may be as large.
+            SeeingWindError: the disk of the temporary folder is full, or no file may be as large.
         """
         rest = np.ascontiguousarray(frame, dtype=np.uint8).reshape(-1).data
         try:
@@ -52,7 +52,7 @@ class StoredFrames:
             limited = error.errno == errno.EFBIG
             why = "no file may be so large here" if limited else error.strerror or str(error)
             more = "Raise that limit (`ulimit -f`)" if limited else "Free some space there"
-            raise ClipError(
+            raise SeeingWindError(
                 f"{tempfile.gettempdir()} has no room for the clip's frames{after}: {why}.",
                 f"{more}, set TMPDIR to a folder on a larger disk, or choose a shorter range with --frames.",
             ) from error
@@ -84,7 +84,8 @@ class StoredFrames:
             while len(rest):
                 read = self._file.readinto(rest)
                 if not read:
-                    raise ClipError("The clip's decoded frames were cut short on disk.", "Was the temporary folder emptied? Run it again.")
+                    short = "The clip's decoded frames were cut short on disk."
+                    raise SeeingWindError(short, "Was the temporary folder emptied? Run it again.")
                 rest = rest[read:]
         return part
 
@@ -102,7 +103,7 @@ def each(frames: Frames, function: Callable[[int, np.ndarray], np.ndarray], prog
     """`function(t, frame)`, of the frame's own size, of every frame, on disk again.
 
     Raises:
-        ClipError: as `StoredFrames.append`. Cancelled: between frames.
+        SeeingWindError: as `StoredFrames.append`. Cancelled: between frames.
     """
     out = StoredFrames(*frames.shape[1:3])
     for t in range(len(frames)):
