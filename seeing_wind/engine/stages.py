@@ -22,6 +22,7 @@ from .settings import BuildSettings, ObserveSettings, RecoverSettings, to_mappin
 from .take import VERSION, Take, stamp_of
 
 if TYPE_CHECKING:
+    from .observe.steady import Steady
     from .recovery.paper.losses import MotionLoss
 
 FILES = ("mask", "outline", "tracks", "depth", "camera", "pin")
@@ -38,6 +39,7 @@ def observe_stage(
     progress: Progress,
     view: int = 0,
     watch: Callable[[np.ndarray], None] | None = None,
+    ready: Callable[[Steady], None] | None = None,
 ) -> tuple[Observation, str]:
     """Stage *observe* -> `observation.npz`. Returns the observation and its stamp.
 
@@ -46,6 +48,7 @@ def observe_stage(
     Args:
         view: which further view of the same object the clip is, from 1; 0 for the one that the take is of. They have stages of their own.
         watch: is shown the clip's frames, see `observe.clip.frames.read_clip`, if they have to be read.
+        ready: is shown the clip before the object is looked for, see `observe.observe`, if that has to be done.
     """
     from .observe import observe, pinned
     from .recovery.journal import TakeJournal
@@ -64,7 +67,7 @@ def observe_stage(
     if kept is None:
         progress.begin("observe", f"further view {Path(clip).name}" if view else "reading the clip")
         with TakeJournal(take, seen, progress) as journal:
-            return finished(observe(clip, settings, progress, journal, watch)), stamp
+            return finished(observe(clip, settings, progress, journal, watch, ready)), stamp
     observation = pinned(dataclasses.replace(kept, clip=str(clip)), settings.pin)  # it may have been moved since
     return observation if np.array_equal(observation.pin, kept.pin) else finished(observation), stamp
 

@@ -157,11 +157,32 @@ def test_a_report_that_cannot_be_written_is_an_exit_code_of_its_own(engine, squa
     engine("export", tmp_path / "t.take", "--format", "npz", "--out", tmp_path / "t.take" / "trajectory", expect=2)
 
 
-def test_what_is_wrong_with_the_options_of_a_solve_is_said_of_the_clip_and_a_material_that_was_not_told_in_the_result(
-    engine, square: Path, tmp_path: Path
+@pytest.mark.parametrize(
+    ("options", "says", "reads"),
+    [
+        (["--still", "40:90"], "--still 40:90 names frames that are not used: 0 to 7 are.", True),
+        (["--still", "0:6"], "--still 0:6 names all frames that are used, 0 to 7.", True),
+        (["--still", "0:3", "--frames", "1:5"], "--still 0:3 names frames that are not used: 1 to 5 are.", False),
+        (["--thickness", "5"], "A body 5 m thick, 2 m from the camera, is no body.", True),
+        (["--thickness", "5", "--distance", "3"], "A body 5 m thick, 3 m from the camera, is no body.", False),
+        (["--pin", "held.png"], "held.png covers the whole object", True),
+    ],
+)
+def test_what_does_not_fit_the_clip_is_told_before_the_object_is_followed(
+    engine, square: Path, tmp_path: Path, options: list[str], says: str, reads: bool
 ) -> None:
+    held = np.zeros((48, 64), np.uint8)
+    held[5:35, 8:36] = 255
+    cv2.imwrite(str(tmp_path / "held.png"), held)
+    options = [str(tmp_path / word) if word == "held.png" else word for word in options]
+    messages = engine("recover", square, "--take", tmp_path / "t.take", "--box", 12, 10, 32, 30, *options, expect=2)
+    assert says in messages[-2]["message"] and not (tmp_path / "t.take").exists()
+    done = [m["message"] for m in messages if m["type"] == "progress"]
+    assert bool(done) == reads and not any("following" in one or "building" in one for one in done)
+
+
+def test_a_material_that_was_not_told_is_said_in_the_result(engine, square: Path, tmp_path: Path) -> None:
     words = ["recover", square, "--take", tmp_path / "t.take", "--box", 12, 10, 32, 30, "--distance", 2, "--frames", "1:5"]
-    assert "40:90 names frames that are not used: 1 to 5 are." in engine(*words, "--still", "40:90", expect=2)[-2]["message"]
     quick = ["--iterations", 1, "--representation", "point", "--report", "none"]
     asked = ["--material-endpoint", "http://localhost:1/v1", "--material-model", "any"]
     result = engine(*words, *quick, *asked, expect=0)[-1]

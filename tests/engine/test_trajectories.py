@@ -18,7 +18,7 @@ from seeing_wind.engine.command.verbs import VERBS
 from seeing_wind.engine.errors import MaterialError, ObjectError, SeeingWindError, UsageError
 from seeing_wind.engine.field import distillation
 from seeing_wind.engine.materials import LIMITS, find
-from seeing_wind.engine.progress import Progress
+from seeing_wind.engine.progress import NoProgress, Progress
 from seeing_wind.engine.recovery.diagnostics.remarks import DISTRUST
 
 LATTICE = 0.1 * np.stack(np.meshgrid(*[np.arange(3.0)] * 3, indexing="ij"), -1).reshape(-1, 3)
@@ -247,6 +247,13 @@ def test_the_source_tells_file_options_and_assumptions_apart(tmp_path: Path) -> 
     whole = read_trajectories(write(tmp_path / "t.npz", rho=1.0, E=1.0, nu=0.1, yield_stress=2.0), gravity=(0.0, 0.0, -1.0))
     assert whole.material.source == "from the trajectory file: density, youngs_modulus, poisson_ratio, yield_stress"
     assert whole.notes == () and whole.gravity == (0.0, 0.0, -1.0)
+
+
+def test_still_frames_that_the_file_does_not_have_are_told_before_a_folder_is_made(tmp_path: Path) -> None:
+    words = ["recover-trajectories", str(write(tmp_path / "t.npz")), "--take", str(tmp_path / "t.take"), "--still", "90:99"]
+    with pytest.raises(UsageError, match="--still 90:99 names frames that are not used"):
+        VERBS["recover-trajectories"](parser().parse_args(words), NoProgress())
+    assert not (tmp_path / "t.take").exists()
 
 
 def test_assumptions_and_visible_reach_the_result_and_the_report(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

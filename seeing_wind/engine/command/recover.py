@@ -25,6 +25,7 @@ from .reporting import diverged_result, report_result
 if TYPE_CHECKING:
     from ..field import ForceField
     from ..observe.models.endpoint import Endpoint
+    from ..observe.steady import Steady
     from ..recovery.wind.stage import Wind
 
 Result = dict[str, Any]
@@ -109,6 +110,7 @@ def recover_one(arguments: argparse.Namespace, progress: Progress) -> Result:
     check_solve(settings, clip=True, views=len(arguments.view))
     if arguments.form == "sheet":
         check_sheet(settings)  # by default the object's size decides, and it is told later
+    _check_options(arguments, settings, arguments.frames, arguments.distance)
     endpoint = asked_model(arguments)
     refuse_of_another(Take(arguments.take), arguments.clip)
     with held(Take(arguments.take), arguments.verb, progress, inputs_of(arguments)) as take:
@@ -151,7 +153,13 @@ def _recover_into(
 
     seconds = dict[str, float]()
     observing = observe_settings(arguments)
-    observation, seen = _timed(seconds, "observe", lambda: observe_stage(take, arguments.clip, observing, progress))
+
+    def ready(clip: Steady) -> None:
+        first = clip.clip.first_frame
+        _check_options(arguments, settings, (first, first + len(clip.clip.frames) - 1), clip.distance)
+
+    observation, seen = _timed(seconds, "observe", lambda: observe_stage(take, arguments.clip, observing, progress, ready=ready))
+    _check_options(arguments, settings, (observation.first_frame, observation.first_frame + observation.frames), None)
     building, asked = settings_of(BuildSettings, arguments), list[str]()
     if endpoint is not None:
         from ..observe.models.language import ask_material
@@ -162,7 +170,8 @@ def _recover_into(
     if arguments.view:
         body, targets, upstream = _with_views(take, arguments.view, observing, observation, body, targets, upstream, progress)
     if settings.still is not None:
-        settings = dataclasses.replace(settings, still=_from_first(settings.still, observation.first_frame, len(observation.xy) - 1))
+        first, last = settings.still  # counted in the file
+        settings = dataclasses.replace(settings, still=(first - observation.first_frame, last - observation.first_frame))
     blown = settings_of(WindSettings, arguments)
     if body.sheet is not None:
         recovery, field, wind, solve_seconds = _sheet(take, body, targets, observation.fps, upstream, settings, blown, progress)
@@ -253,18 +262,22 @@ def _sheet(
     return found.recovery, found.field, found.wind, found.seconds
 
 
-def _from_first(still: tuple[int, int], first: int, frames: int) -> tuple[int, int]:
-    """The still frames, counted from the first of the `frames` that are read, which is the clip's number `first`."""
-    if still[0] < first or still[1] > first + frames:
-        raise UsageError(
-            f"--still {still[0]}:{still[1]} names frames that are not used: {first} to {first + frames} are.",
-            "Name the frames in which the air is still; in the others a force is looked for.",
-        )
-    return still[0] - first, still[1] - first
+def _check_options(
+    arguments: argparse.Namespace, settings: RecoverSettings, frames: tuple[int, int] | None, distance: float | None
+) -> None:
+    """Refuse what later stages cannot do with a clip, as far as its first and last frame and the object's distance [m] are known."""
+    from ..observe.object.shape.relief import check_thickness
+    from ..recovery.clip import still_frames
+
+    if frames is not None:
+        still_frames(settings, frames[1] - frames[0], frames[0])
+    if arguments.thickness is not None and distance is not None:
+        check_thickness(arguments.thickness, distance)
 
 
 def recover_trajectories(arguments: argparse.Namespace, progress: Progress) -> Result:
     """`recover-trajectories TRUTH.npz --take DIR`."""
+    from ..recovery.clip import still_frames
     from ..recovery.diagnostics.remarks import worst_first
     from ..recovery.stage import recover_stage
     from ..recovery.wind.stage import wind_stage
@@ -279,6 +292,7 @@ def recover_trajectories(arguments: argparse.Namespace, progress: Progress) -> R
     particles, material = source.particles, source.material
     settings = settings_of(RecoverSettings, arguments, gravity=source.gravity, clamp_depth=source.clamp_depth)
     check_solve(settings, clip=False)
+    still_frames(settings, len(source.targets.visible) - 1)
     with held(take, arguments.verb, progress, inputs_of(arguments)):
         for note in source.notes:
             progress.warn(note)

@@ -39,18 +39,20 @@ def observe(
     progress: Progress,
     journal: Journal = Journal(),
     watch: Callable[[np.ndarray], None] | None = None,
+    ready: Callable[[Steady], None] | None = None,
 ) -> Observation:
     """What is seen in `clip` (a video, a folder of images, or a pattern), with pixels those of the file.
 
     Args:
         journal: keeps what was followed so far, for one clip and its settings without the pin.
         watch: is shown the frames as they are read, see `read_clip`.
+        ready: is shown the clip before the object is looked for in it, and may raise what is wrong with later stages' options for it.
 
     Raises:
         ClipError, ObjectError, UsageError: as the parts say (`read_clip`, `first_mask`, `find_camera`, `object_depth`, `read_tracks`).
     """
     with one_thread(), ThreadPoolExecutor(1) as beside:
-        return _observe(clip, settings, progress, journal, beside, watch)
+        return _observe(clip, settings, progress, journal, beside, watch, ready)
 
 
 def _observe(
@@ -60,6 +62,7 @@ def _observe(
     journal: Journal,
     beside: Executor,
     watch: Callable[[np.ndarray], None] | None,
+    ready: Callable[[Steady], None] | None,
 ) -> Observation:
     check_networks(settings)
     progress.update(0.0, "reading the clip")
@@ -70,16 +73,22 @@ def _observe(
     clip = read_clip(path, settings.frames, settings.fps, progress, resized=resized, watch=watch)
     check_frames(clip.frames, clip.first_frame, progress)
     if clip.frames.shape[1:3] == clip.size:
-        return _seen(clip, settings, progress, journal, beside)
+        return _seen(clip, settings, progress, journal, beside, ready)
     size = WorkingSize(*clip.size, working_scale(settings, *clip.size))
     with systems.scratch() as folder:
-        seen = _seen(clip, size.settings(settings, clip, folder), progress, journal, beside)
+        seen = _seen(clip, size.settings(settings, clip, folder), progress, journal, beside, ready)
     return pinned(size.observation(seen, clip), settings.pin)
 
 
-def _seen(clip: Clip, settings: ObserveSettings, progress: Progress, journal: Journal, beside: Executor) -> Observation:
+def _seen(
+    clip: Clip, settings: ObserveSettings, progress: Progress, journal: Journal, beside: Executor, ready: Callable[[Steady], None] | None
+) -> Observation:
     """The observation of a clip at the size at which it is; what nothing else waits for is looked at `beside` it, on another core."""
     steady = steady_clip(clip, settings, progress, journal, beside)
+    if ready is not None:
+        ready(steady)
+    if settings.pin is not None and (settings.mask is not None or settings.box is not None):
+        _held(settings.pin, steady.around, steady.lens)  # all of it held is told before it is followed
     outline = find_outline(steady, progress, journal)
     clip, lens = steady.clip, steady.lens
     pin = _pin(settings.pin, outline.mask, lens)
@@ -146,7 +155,7 @@ def pinned(seen: Observation, pin: str | None) -> Observation:
     """The same observation with what the PNG `pin` holds, in the file's own pixels; nothing without one.
 
     Raises:
-        UsageError: no such frame, or of another size. ObjectError: it does not touch the object.
+        UsageError: no such frame, or of another size. ObjectError: it does not touch the object, or covers it.
     """
     return replace(seen, pin=_pin(pin, np.asarray(seen.masks[0]), Lens(seen.camera)))
 
@@ -155,9 +164,19 @@ def _pin(path: str | None, mask: np.ndarray, lens: Lens) -> np.ndarray:
     """(H, W) bool, the held part of the object."""
     if path is None:
         return np.zeros_like(mask)
-    pin = lens.straight_map(read_mask(path, mask.shape[0], mask.shape[1], "pin mask")) & mask
+    pin = _held(path, mask, lens)
     if not pin.any():
         raise ObjectError(
             "The pinned pixels do not touch the object.", "Paint the part that is held, over the object in the first frame."
         )
     return pin
+
+
+def _held(path: str, area: np.ndarray, lens: Lens) -> np.ndarray:
+    """What the PNG `path` holds of an area (H, W) bool that the object is in. Raises ObjectError where that is all of it."""
+    held = lens.straight_map(read_mask(path, area.shape[0], area.shape[1], "pin mask")) & area
+    if held.any() and held.sum() == area.sum():
+        raise ObjectError(
+            f"The pin mask {path} covers the whole object, so nothing of it could move.", "Paint only the part of it that is held in place."
+        )
+    return held

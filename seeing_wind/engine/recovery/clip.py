@@ -47,21 +47,22 @@ from .targets.points import PointChannels
 from .targets.tracks import TrackChannels
 
 
-def still_frames(settings: RecoverSettings, frames: int) -> np.ndarray:
-    """(T,) bool, of a clip of T frames.
+def still_frames(settings: RecoverSettings, frames: int, first_frame: int = 0) -> np.ndarray:
+    """(T,) bool, of a clip of T frames; `first_frame` is the number of the first one in what --still counts.
 
     Raises:
         UsageError: when it lacks some of those that are said to be still, or has no others.
     """
     still = np.zeros(frames, dtype=bool)
     if settings.still is not None:
-        first, last = settings.still
+        first, last = (number - first_frame for number in settings.still)
         inside = 0 <= first < frames and last <= frames  # the last frame's number is taken for the frame before it
         still[max(first, 0) : last + 1] = True
         if not inside or still.all():
-            wrong = "is all frames of the clip" if inside else "names frames that the clip does not have"
+            used = f"{first_frame} to {first_frame + frames}"
+            wrong = f"names all frames that are used, {used}" if inside else f"names frames that are not used: {used} are"
             raise UsageError(
-                f"--still {first}:{last} {wrong}: it has the frames 0 to {frames}.",
+                f"--still {settings.still[0]}:{settings.still[1]} {wrong}.",
                 "Name the frames in which the air is still; in the others a force is looked for.",
             )
     return still

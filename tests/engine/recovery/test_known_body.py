@@ -146,6 +146,7 @@ def test_still_frames_are_some_of_the_clip_s():
     assert still_frames(RecoverSettings(), 5).sum() == 0
     for last in (4, 5):  # the last frame, or the last frame
         np.testing.assert_array_equal(still_frames(RecoverSettings(still=(2, last)), 5), [False, False, True, True, True])
-    for wrong, says in (((7, 9), "does not have"), ((2, 9), "does not have"), ((0, 4), "all frames")):
-        with pytest.raises(UsageError, match=f"{says}.*the frames 0 to 5"):
+    np.testing.assert_array_equal(still_frames(RecoverSettings(still=(12, 14)), 5, 10), [False, False, True, True, True])
+    for wrong, says in (((7, 9), "not used: 0 to 5 are"), ((2, 9), "not used: 0 to 5 are"), ((0, 4), "all frames that are used, 0 to 5")):
+        with pytest.raises(UsageError, match=says):
             still_frames(RecoverSettings(still=wrong), 5)

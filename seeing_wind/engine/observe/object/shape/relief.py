@@ -98,6 +98,17 @@ class Relief:
         return np.where(self.mask, volume, 0.0)
 
 
+def check_thickness(thickness: float, distance: float) -> None:
+    """Raise ObjectError unless a body can be so thick [m] at that distance from the camera [m]."""
+    if not (np.isfinite(thickness) and thickness > 0.0):
+        raise ObjectError(f"The thickness {thickness} is no positive number of metres.", "Give metres behind the visible surface.")
+    if thickness > distance:
+        raise ObjectError(
+            f"A body {in_units(thickness, 'm')} thick, {in_units(distance, 'm')} from the camera, is no body.",
+            "Give metres behind the visible surface.",
+        )
+
+
 def relief_of(observation: Observation, thickness: float | None = None) -> Relief:
     """Front and back of the observed object in frame 0.
 
@@ -119,14 +130,9 @@ def relief_of(observation: Observation, thickness: float | None = None) -> Relie
     block = None if flat else find_block(front, mask, camera)
     rounded = None if flat or block is not None else inflate(front, mask, metre_per_pixel)
     kind = _kind(mask, rim, front, None if rounded is None else rounded.bulge, camera) if block is None else "block"
-    if thickness is not None and not (np.isfinite(thickness) and thickness > 0.0):
-        raise ObjectError(f"The thickness {thickness} is no positive number of metres.", "Give metres behind the visible surface.")
     distance = float(np.median(front[mask]))
-    if thickness is not None and thickness > distance:
-        raise ObjectError(
-            f"A body {in_units(thickness, 'm')} thick, {in_units(distance, 'm')} from the camera, is no body.",
-            "Give metres behind the visible surface.",
-        )
+    if thickness is not None:
+        check_thickness(thickness, distance)
     if block is not None:
         block = block if thickness is None else replace(block, depth=thickness)
         nearest = nearest_known(mask)
