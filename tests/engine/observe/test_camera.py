@@ -147,6 +147,24 @@ def test_files_refused(tmp_path: Path, change: dict) -> None:
     assert caught.value.hint
 
 
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"fx": "700"}, 'fx is "700"'),
+        ({"width": "640"}, 'width is "640"'),
+        ({"cy": float("nan")}, "cy is NaN"),
+        ({"k2": float("inf")}, "k2 is Infinity"),
+        ({"camera_to_world": [["1", 0, 0, 0], *np.eye(4)[1:].tolist()]}, 'camera_to_world[0][0] is "1"'),
+        ({"camera_to_world": [front_view(2.0).tolist()] * 3 + [np.full((4, 4), np.nan).tolist()]}, "camera_to_world[3][0][0] is NaN"),
+        ({"camera_to_world": [[1, 0], [0, 1, 2]]}, "neither a 4x4 list nor a list of them"),
+    ],
+)
+def test_what_is_no_number_is_shown_with_its_place(tmp_path: Path, change: dict, says: str) -> None:
+    with pytest.raises(UsageError) as caught:
+        read_camera(write(tmp_path, {**good(), **change}), 640, 480, 5)
+    assert says in caught.value.message
+
+
 def test_unreadable_files_are_refused(tmp_path: Path) -> None:
     values = good()
     del values["fy"]

@@ -62,6 +62,8 @@ def test_lens_scale_and_angle(tmp_path: Path) -> None:
         ({"frames": [{"file_path": "a"}]}, "frame without"),
         ({"frames": [7]}, "frame without"),
         ({"frames": [{"transform_matrix": [[1, 0], [0, 1]]}]}, "4x4"),
+        ({"frames": [{"file_path": "a.png", "transform_matrix": [[float("nan")] * 4] * 4}]}, r"of a.png\[0\]\[0\] is NaN"),
+        ({"fl_x": "700"}, 'fl_x is "700"'),
         ({"frames": [{"transform_matrix": (2 * np.array(MATRIX)).tolist()}]}, "rotation"),
         ({"frames": [{"transform_matrix": MATRIX, "fl_x": 1.0}, {"transform_matrix": MATRIX, "fl_x": 2.0}]}, "another lens"),
         ({"frames": [{"transform_matrix": MATRIX}] * 2}, "2 camera matrices"),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from typing import Any
 
@@ -15,7 +14,7 @@ from ...progress import Progress
 from ...reading import read_json
 from ...records import Camera
 from ...settings import ObserveSettings
-from .transforms import LENS, from_transforms, is_transforms
+from .transforms import LENS, from_transforms, is_transforms, matrices_in, number_in
 
 DEFAULT_DISTANCE = 2.0
 """Metres assumed when nothing says the scale: someone filming a thing within reach. Force scales with it, and the user is told so."""
@@ -87,7 +86,8 @@ def read_camera(path: str, width: int, height: int, frames: int, first_frame: in
     k1, k2, p1, p2, k3 describe the lens (OpenCV's model, no bend where they are missing); other keys are ignored.
 
     Raises:
-        UsageError: unreadable, keys missing, another frame size than the clip's, values not finite, or no rigid motion in a matrix.
+        UsageError: unreadable, keys missing, another frame size than the clip's, values that are no finite numbers, or no rigid motion in
+            a matrix.
     """
     values = _read_json(path)
     if is_transforms(values):
@@ -95,27 +95,15 @@ def read_camera(path: str, width: int, height: int, frames: int, first_frame: in
     missing = [key for key in KEYS if key not in values]
     if missing:
         raise UsageError(f"The camera {path} lacks {', '.join(missing)}.", f"It needs {', '.join(KEYS)}.")
-    if (values["width"], values["height"]) != (width, height):
+    numbers = {key: number_in(path, key, values[key]) for key in (*KEYS[:6], *LENS) if key in values}
+    if (numbers["width"], numbers["height"]) != (width, height):
         raise UsageError(
             f"The camera {path} is for {values['width']}x{values['height']} frames, the clip has {width}x{height}.",
             "Scale fx, fy, cx, cy and the size with the frame, or use the camera of this clip.",
         )
-    try:
-        numbers = {key: values.get(key, 0.0) for key in (*KEYS[2:6], *LENS)}
-        wrong = [key for key, value in numbers.items() if isinstance(value, bool) or not isinstance(value, (int, float, str))]
-        if wrong:
-            raise TypeError(f"{wrong[0]} is {json.dumps(numbers[wrong[0]])[:60]}")
-        fx, fy, cx, cy = (float(numbers[key]) for key in ("fx", "fy", "cx", "cy"))
-        poses = np.array(values["camera_to_world"], dtype=np.float64)
-        lens = tuple(float(numbers[key]) for key in LENS)
-    except (TypeError, ValueError) as error:
-        raise UsageError(
-            f"The camera {path} holds something that is not a number ({error}).", "Write plain numbers and 4x4 lists."
-        ) from error
-    if not np.isfinite([fx, fy, cx, cy]).all() or fx <= 0 or fy <= 0:
-        raise UsageError(
-            f"The camera {path} has a focal length or centre that is not usable.", "fx and fy must be positive, all four finite."
-        )
+    fx, fy, cx, cy = (numbers[key] for key in KEYS[2:6])
+    lens = tuple(numbers.get(key, 0.0) for key in LENS)
+    poses = matrices_in(path, "camera_to_world", values["camera_to_world"])
     _check_pinhole(path, width, height, fx, fy, cx, cy)
     camera = Camera(width, height, fx, fy, cx, cy, _poses(path, poses, frames, first_frame))
     return replace(camera, distortion=_distortion(path, lens, camera))
@@ -156,7 +144,7 @@ def _distortion(path: str, lens: tuple[float, ...], camera: Camera) -> tuple[flo
         )
     # The radial formula turns back on itself where d(r (1 + k1 r² + k2 r⁴ + k3 r⁶))/dr is no longer positive.
     r2 = np.linspace(0.0, (0.5 * diagonal / focal) ** 2, 200)
-    if not np.isfinite(lens).all() or (1 + 3 * k1 * r2 + 5 * k2 * r2**2 + 7 * k3 * r2**3 <= 0.0).any():
+    if (1 + 3 * k1 * r2 + 5 * k2 * r2**2 + 7 * k3 * r2**3 <= 0.0).any():
         raise UsageError(f"The lens of {path} (k1 {k1:g}, k2 {k2:g}, k3 {k3:g}) folds the frame over.", "Calibrate it again.")
     return lens
 
@@ -184,8 +172,6 @@ def _poses(path: str, poses: np.ndarray, frames: int, first_frame: int) -> np.nd
                 f"{path} has {len(poses)} camera matrices, the clip {frames} frames.", "Give one matrix, or one per frame."
             )
         poses = poses[first_frame : first_frame + frames]
-    if not np.isfinite(poses).all():
-        raise UsageError(f"camera_to_world of {path} holds values that are not finite.", "Export the camera again.")
     if np.abs(poses[..., :3, 3]).max() > conventions.FARTHEST:
         message = f"camera_to_world of {path} is more than {in_units(conventions.FARTHEST, 'm')} from the origin."
         raise UsageError(message, "Give metres, near the scene's origin.")
