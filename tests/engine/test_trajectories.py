@@ -89,6 +89,29 @@ def test_wrong_values_are_refused(tmp_path: Path, wrong: dict[str, Any]) -> None
     assert caught.value.message and caught.value.hint
 
 
+@pytest.mark.parametrize(
+    ("wrong", "says"),
+    [
+        ({"E": 1e20}, "t.npz: Young's modulus of trajectories is 100,000,000,000 GPa."),
+        ({"rho": 1e9, "material": "rubber"}, "t.npz: The density of rubber is 1,000,000,000 kg/m³."),
+        ({"covariance": -np.eye(3) * 1e-6}, "-0.0, -1e-06]] m², which has the negative eigenvalue -1e-06."),
+        ({"covariance": 1e-6 * np.eye(3) + np.where(np.arange(27) == 26, np.nan, 0.0)[:, None, None]}, "covariance of point 26 is [[nan"),
+        ({"covariance": 1e-6 * np.triu(np.ones((3, 3)))}, "which is not symmetric"),
+        ({"covariance": 1e3 * np.eye(3)}, "which is more than what x reaches"),
+    ],
+)
+def test_what_is_refused_is_shown(tmp_path: Path, wrong: dict[str, Any], says: str) -> None:
+    with pytest.raises(SeeingWindError) as caught:
+        read_trajectories(write(tmp_path / "t.npz", **wrong))
+    assert says in caught.value.message and caught.value.hint
+
+
+def test_an_option_in_place_of_what_the_file_says_wrongly_is_taken(tmp_path: Path) -> None:
+    assert read_trajectories(write(tmp_path / "t.npz", E=1e20), youngs_modulus=2e5).material.youngs_modulus == 2e5
+    with pytest.raises(MaterialError, match="^Young's modulus"):
+        read_trajectories(write(tmp_path / "t.npz"), youngs_modulus=1e20)
+
+
 def test_a_stiffness_is_stated_or_named(tmp_path: Path) -> None:
     np.savez(tmp_path / "t.npz", x=FALL, fps=24.0)
     with pytest.raises(MaterialError, match="lacks E, Young's modulus") as caught:

@@ -14,6 +14,7 @@ from scipy.interpolate import RBFInterpolator
 from seeing_wind.engine.errors import UsageError
 from seeing_wind.engine.observe import observe
 from seeing_wind.engine.observe.tracks.anchor import align, cut_patches
+from seeing_wind.engine.observe.tracks.file import read_tracks
 from seeing_wind.engine.observe.tracks.neighbours import disagreement, predict
 from seeing_wind.engine.progress import Cancelled, NoProgress, Progress
 from seeing_wind.engine.records import Observation
@@ -173,6 +174,18 @@ def test_track_files_refused(disc: Scene, tmp_path: Path, case: str) -> None:
     with pytest.raises(UsageError) as caught:
         observe(disc.path, ObserveSettings(box=disc.box, distance=1.0, tracks=str(path), frames=(8, 12)), NoProgress())
     assert caught.value.hint
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "says"), [("xy", np.nan, "at [nan, nan] with sigma 0.2."), ("sigma", 0.0, "at [20.0, 20.0] with sigma 0.")]
+)
+def test_the_first_visible_point_without_a_place_is_named(tmp_path: Path, key: str, value: float, says: str) -> None:
+    values = {"xy": np.full((13, 4, 2), 20.0), "visible": np.ones((13, 4), bool), "sigma": np.full((13, 4), 0.2)}
+    values[key][5:, 3] = value
+    np.savez(tmp_path / "tracks.npz", **values)
+    with pytest.raises(UsageError) as caught:
+        read_tracks(str(tmp_path / "tracks.npz"), 5, 4, np.ones((48, 64), bool), NoProgress())
+    assert caught.value.message.endswith(f"track 3 is visible in row 5, {says}")
 
 
 def test_cancel_is_heeded_at_every_frame(disc: Scene) -> None:

@@ -32,6 +32,8 @@ from ...settings.tables import names_in, read_users_toml, tables_of
 SOURCES = ("clip", "trajectories")
 FILES = {"objects", *(one.name for one in options_of(ObserveSettings).values() if one.file)}
 """Options of `recover` that are paths."""
+SWITCHES = {"no_gravity"}
+"""Those that take no value."""
 FIELD = "field.safetensors"
 VIDEO = ".mp4"
 """Ending of what Blender renders, H.264 in MP4 (`ui.composite.own.set_output`)."""
@@ -190,6 +192,9 @@ def _job(table: dict[str, Any], number: int, path: Path) -> Job:
         raise UsageError(f"recover of {name} is no table.", "Write it as { distance = 2.0 }.")
     if "take" in options:
         raise UsageError(f"recover of {name} names a take.", "Write take beside recover, not in it.")
+    for key in SWITCHES & options.keys():
+        if not isinstance(options[key], bool):
+            raise UsageError(f"{key} in recover of {name} is {options[key]!r}.", "Write true or false, without quotes.")
     if "take" not in table:
         raise UsageError(f"{name} has no take.", 'Say with take = "NAME.take" where the results go.')
     if set(SOURCES) <= table.keys():

@@ -135,19 +135,32 @@ def _errors(
     covariance = numbers_in(values["covariance"], "covariance", path)
     if covariance.shape not in ((3, 3), (count, 3, 3)):
         raise UsageError(f"{path}: covariance has shape {covariance.shape}.", f"It must be (3,3) or ({count},3,3), in m².")
-    if not np.isfinite(covariance).all() or np.abs(covariance).max() > extent**2 or not _is_covariance(covariance):
+    matrices = np.broadcast_to(covariance, (count, 3, 3))
+    wrong = _no_covariance(matrices, extent)
+    if wrong is not None:
+        point, why = wrong
+        which = "covariance" if covariance.ndim == 2 else f"covariance of point {point}"
         raise UsageError(
-            f"{path}: covariance is none of errors within what x reaches, {in_units(extent, 'm')}.",
-            "Each matrix must be finite, symmetric and without negative eigenvalues, in m².",
+            f"{path}: the {which} is {matrices[point].tolist()} m², which {why}.",
+            "Give variances and covariances of a position's errors, in m²; without them, they are estimated.",
         )
-    return None, np.broadcast_to(covariance, (count, 3, 3)).copy()
+    return None, matrices.copy()
 
 
-def _is_covariance(matrices: np.ndarray) -> bool:
-    """Whether (..., 3, 3) are symmetric without negative eigenvalues, but for rounding."""
-    size = np.abs(matrices).max(axis=(-1, -2), keepdims=True)
-    symmetric = np.abs(matrices - np.swapaxes(matrices, -1, -2)) <= 1e-6 * size
-    return bool(symmetric.all() and (np.linalg.eigvalsh(matrices) >= -1e-6 * size[..., 0]).all())
+def _no_covariance(matrices: np.ndarray, extent: float) -> tuple[int, str] | None:
+    """The first of matrices (N, 3, 3) [m²] that is no covariance of errors within `extent` [m], but for rounding, and why it is none."""
+    size = np.abs(matrices).max(axis=(1, 2))
+    rounding = 1e-6 * size
+    bounded = size <= extent**2  # False for NaN
+    least = np.linalg.eigvalsh(np.where(bounded[:, None, None], matrices, 0.0))[:, 0]
+    uneven = np.abs(matrices - np.swapaxes(matrices, 1, 2)).max(axis=(1, 2)) > rounding
+    for point in np.flatnonzero(~bounded | uneven | (least < -rounding)):
+        if not np.isfinite(size[point]):
+            return int(point), "is not finite"
+        if not bounded[point]:
+            return int(point), f"is more than what x reaches, {in_units(extent, 'm')}, squared"
+        return int(point), "is not symmetric" if uneven[point] else f"has the negative eigenvalue {least[point]:.3g}"
+    return None
 
 
 def _moving(particles: Particles, targets: PointTargets, fps: float) -> Iterator[str]:

@@ -15,6 +15,8 @@ from .file import NUMBERS, number_in
 
 DENSITY, POISSON_RATIO = 300.0, 0.3
 """Of a body whose file does not say [kg/m³]: those of foam. The stiffness is not guessed: forces that bend go with it."""
+STAND_IN = 1e5
+"""Young's modulus [Pa] until an option's takes its place."""
 BEHAVIOURS = ("elastic", "elastoplastic")
 """What simulators write as `material` and is no material: the law is that of `yield_stress`."""
 
@@ -41,7 +43,7 @@ def material_of(
     given = {name for name, value in properties.items() if value is not None}
     named = _library_material(values, path)
     if named is not None:
-        return adjust(adjust(named, **stated), **properties), []
+        return adjust(_of_file(path, named, {name: value for name, value in stated.items() if name not in given}), **properties), []
     if "youngs_modulus" not in given and "youngs_modulus" not in stated:
         raise MaterialError(
             f"{path} lacks E, Young's modulus in Pa, and no option gives it.",
@@ -57,9 +59,19 @@ def material_of(
         missing = [f"{NUMBERS[name]} ({value:g}{' kg/m³' if name == 'density' else ''})" for name, value in assumed.items()]
         proportion = " Forces are proportional to the density." if "density" in assumed else ""
         notes.append(f"The file lacks {', '.join(missing)}, and no option gives it: assumed.{proportion}")
-    modulus = stated.get("youngs_modulus") or properties["youngs_modulus"]
-    whole = Material("trajectories", law, **{**guesses, "youngs_modulus": modulus, **stated}, source=source)
-    return adjust(whole, **properties), notes
+    # What an option says instead is checked as the option's.
+    own = {name: value for name, value in stated.items() if name not in given or name == "yield_stress"}
+    whole = Material("trajectories", law, **{**guesses, "youngs_modulus": STAND_IN, **own}, source=source)
+    return adjust(_of_file(path, whole, {}), **properties), notes
+
+
+def _of_file(path: str | os.PathLike[str], material: Material, stated: dict[str, Any]) -> Material:
+    """The material with what the file states of it; MaterialError with the file's name and keys for numbers that are not physical."""
+    try:
+        return adjust(material, **stated)
+    except MaterialError as error:
+        keys = "Keys of the file: E, Young's modulus in Pa; rho, the density in kg/m³; nu, Poisson's ratio; yield_stress in Pa."
+        raise MaterialError(f"{path}: {error.message}", f"{error.hint} {keys}") from error
 
 
 def _library_material(values: dict[str, np.ndarray], path: str | os.PathLike[str]) -> Material | None:

@@ -154,8 +154,12 @@ def _sheet(
         if missing:
             needed = "A shell needs areal_density in kg/m², thickness in m and E, in Pa, or --material with a sheet's name."
             raise UsageError(f"{path} has faces but lacks {', '.join(missing)}.", needed)
-        areal, thickness = (number_in(values[key], key, path) for key in ("areal_density", "thickness"))
-        modulus = number_in(values["E"], "E", path) if "E" in values else given["youngs_modulus"]
+        read = {key: number_in(values[key], key, path) for key in ("areal_density", "thickness", "E") if key in values}
+        for key, value in read.items():
+            if value <= 0.0:
+                raise MaterialError(f"{path}: {key} is {value:g}.", "Give a number above zero: kg/m², m and Pa.")
+        areal, thickness = read["areal_density"], read["thickness"]
+        modulus = read["E"] if "E" in read else given["youngs_modulus"]
         nu = number_in(values["nu"], "nu", path) if "nu" in values else POISSON_RATIO
         loss = number_in(values["damping"], "damping", path) if "damping" in values else 0.0
         sheet = Sheet(areal, thickness, modulus * thickness, modulus * thickness**3 / 12.0, loss, nu, "from the file")

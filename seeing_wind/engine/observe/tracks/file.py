@@ -33,16 +33,19 @@ def read_tracks(
     xy, visible, sigma = load_tracks(path)
     if xy.ndim != 3 or xy.shape[2] != 2 or visible.shape != xy.shape[:2] or sigma.shape not in ((), xy.shape[:2]):
         raise UsageError(f"The tracks {path} have xy {xy.shape} and visible {visible.shape}.", SHAPES)
-    sigma = np.broadcast_to(sigma, visible.shape)
+    sigma, skipped = np.broadcast_to(sigma, visible.shape), 0
     if len(xy) != frames:
         if len(xy) < first_frame + frames:
             raise UsageError(f"The tracks {path} have {len(xy)} rows, the clip {frames} frames.", SHAPES)
-        part = slice(first_frame, first_frame + frames)
+        part, skipped = slice(first_frame, first_frame + frames), first_frame
         xy, visible, sigma = xy[part], visible[part], sigma[part]
-    if not np.isfinite(xy[visible]).all() or not np.isfinite(sigma[visible]).all() or (sigma[visible] <= 0).any():
+    lost = visible & ~(np.isfinite(xy).all(axis=2) & np.isfinite(sigma) & (sigma > 0.0))
+    if lost.any():
+        row, track = np.argwhere(lost)[0]
         raise UsageError(
-            f"The tracks {path} hold visible points that are not finite, or sigmas that are not positive.",
-            "Mark such points as not visible.",
+            f"The tracks {path}: track {track} is visible in row {row + skipped}, at {xy[row, track].tolist()} with sigma "
+            f"{sigma[row, track]:g}.",
+            "A visible point needs finite pixels and a sigma above 0: mark it as not visible where it has none.",
         )
     height, width = mask.shape
     far = float(max(width, height))

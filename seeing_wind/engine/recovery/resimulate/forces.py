@@ -123,8 +123,11 @@ def read_forces(path: str | os.PathLike[str], frames: int) -> Forces:
         if array.shape != shape or few or not np.issubdtype(array.dtype, np.floating):
             raise UsageError(f"In the forces {path}, {name} is {array.dtype} of shape {array.shape}.", advice)
         most = FARTHEST if name == "box" else STRONGEST
-        if not np.isfinite(array).all() or np.abs(array).max() > most:
-            raise UsageError(f"In the forces {path}, {name} holds what is no number, or more than {most:g}.", "Check strengths and unit.")
+        wild = ~(np.abs(array) <= most)
+        if wild.any():
+            at = tuple(np.argwhere(wild)[0].tolist())
+            what = f"In the forces {path}, {name}[{', '.join(map(str, at))}] is {array[at]:g}."
+            raise UsageError(what, f"Check strengths and unit: numbers are finite, and at most {most:g}.")
     if (box[1] <= box[0]).any():
         raise UsageError(f"The box of the forces {path} is {box.tolist()}.", "Give two corners in metres, the lower one first.")
     return Forces(box.astype(np.float64), force, arrays.get("linear"), arrays.get("quadratic"))

@@ -198,6 +198,10 @@ def read_place(path: str | os.PathLike[str], frames: int) -> np.ndarray:
     """
     place = read_way(path, (frames, 4, 4), "the field's place")
     scale = np.linalg.svd(place[:, :3, :3], compute_uv=False)
-    if not (place[:, 3] == [0.0, 0.0, 0.0, 1.0]).all() or (scale[:, 2] <= FLATTEST * scale[:, 0]).any():
-        raise UsageError(f"{path}, the field's place, has a matrix that is flat, or none of a place.", "Check the field's scale.")
+    foreign = (place[:, 3] != [0.0, 0.0, 0.0, 1.0]).any(axis=1)
+    wrong = np.flatnonzero(foreign | (scale[:, 2] <= FLATTEST * scale[:, 0]))
+    if len(wrong):
+        t = int(wrong[0])
+        why = f"has the last row {place[t, 3].tolist()}, not 0 0 0 1" if foreign[t] else f"is flat: its scales are {scale[t].tolist()}"
+        raise UsageError(f"{path}, the field's place: the matrix of {frame_named(t)} {why}.", "Check the field's scale.")
     return place

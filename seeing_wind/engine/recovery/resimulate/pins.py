@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ...conventions import FARTHEST
+from ...conventions import FARTHEST, frame_named
 from ...errors import UsageError
 from ...observe.object.motion.control import attach, carry
 from ...reading import read_array
@@ -103,8 +103,13 @@ def read_way(path: str | os.PathLike[str], shape: tuple[int, ...], what: str) ->
         raise UsageError(f"{path}, {what}, cannot be read: {error}.", "Write their positions with numpy.save.") from error
     if way.shape != shape or not np.issubdtype(way.dtype, np.floating):
         raise UsageError(f"{path}, {what}, is {way.dtype} of shape {way.shape}.", f"It must be {shape}, in metres.")
-    if not np.isfinite(way).all() or np.abs(way).max() > FARTHEST:
-        raise UsageError(f"{path}, {what}, has places that are nowhere, or too far.", "Check the animation, and the unit: metres.")
+    nowhere = ~(np.abs(way) <= FARTHEST)
+    if nowhere.any():
+        at = tuple(np.argwhere(nowhere)[0].tolist())
+        raise UsageError(
+            f"{path}, {what}: [{', '.join(map(str, at))}], in {frame_named(at[0])}, is {way[at]:g}.",
+            f"Check the animation, and the unit: finite metres, at most {FARTHEST:g} from the origin.",
+        )
     return way.astype(np.float64)
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from seeing_wind.engine.errors import UsageError
 from seeing_wind.engine.field.confidence import ConfidenceMap
-from seeing_wind.engine.recovery.resimulate.in_field import Reach, Surroundings, extrapolate, rotation_of
+from seeing_wind.engine.recovery.resimulate.in_field import Reach, Surroundings, extrapolate, read_place, rotation_of
 from seeing_wind.engine.settings import BodyEdit
 from tests.engine.recovery.resimulate.edits import FPS, FRAMES, SOFT, WEIGHTLESS, run, uniform, waves
 
@@ -46,6 +46,19 @@ def test_a_field_that_turns_while_it_blows_turns_the_way(folder):
         edit = {"field": uniform((600.0, 0.0, 0.0)), "field_place": "place.npy", "preroll": preroll}
         v = speed(run(folder, BodyEdit("flag", "flag.npz", material="cotton", start_frame=0 if not preroll else 1), **edit)["flag"])
         assert np.abs(v[3, 1]) < 1e-6 and v[-1, 1] > 0.1 * v[3, 0] > 0.0
+
+
+@pytest.mark.parametrize(
+    ("at", "value", "says"),
+    [((3, 0, 3), np.nan, r"\[3, 0, 3\], in frame 3, is nan"), ((2, 3, 0), 0.5, r"frame 2 has the last row \[0.5, 0.0, 0.0, 1.0\]"),
+     ((4, 1, 1), 0.0, "the matrix of frame 4 is flat")],
+)  # fmt: skip
+def test_a_matrix_that_is_no_place_is_named(tmp_path, at, value, says):
+    place = matrices()
+    place[at] = value
+    np.save(tmp_path / "place.npy", place)
+    with pytest.raises(UsageError, match=says):
+        read_place(tmp_path / "place.npy", FRAMES)
 
 
 def test_a_place_in_a_moved_field_feels_what_was_there_before():

@@ -105,7 +105,7 @@ def test_forces_are_linear_between_the_nodes_and_beside_the_box_those_of_its_edg
     ({"box": BOX}, "hold box"), ({"box": BOX, "force": np.zeros((2, 3, 3, 3, 3))}, r"force is float64 of shape \(2, 3"),
     ({"box": BOX, "force": np.zeros((FRAMES, 1, 3, 3, 3))}, "shape"), ({"box": BOX, "force": np.zeros((FRAMES, 3, 3, 3, 3), int)}, "int"),
     ({"box": BOX[::-1].copy(), "force": np.zeros((FRAMES, 3, 3, 3, 3))}, "The box"),
-    ({"box": BOX, "force": np.full((FRAMES, 3, 3, 3, 3), np.nan)}, "no number"),
+    ({"box": BOX, "force": np.full((FRAMES, 3, 3, 3, 3), np.nan)}, r"force\[0, 0, 0, 0, 0\] is nan"),
     ({"box": BOX, "force": np.zeros((FRAMES, 3, 3, 3, 3)), "quadratic": np.zeros((FRAMES, 3, 3, 3, 1))}, "quadratic is"),
 ])  # fmt: skip
 def test_forces_that_do_not_fit_are_refused(folder, arrays, said):

@@ -219,7 +219,7 @@ def test_a_body_that_starts_later_does_not_settle(folder):
 @pytest.mark.parametrize(
     "way, says",
     [
-        (np.zeros((7, 3, 3)), "shape"), (np.zeros((6, 7, 3)), "shape"), (np.full((7, 7, 3), np.nan), "nowhere"),
+        (np.zeros((7, 3, 3)), "shape"), (np.zeros((6, 7, 3)), "shape"), (np.full((7, 7, 3), np.nan), "frame 0, is nan"),
         (np.zeros((7, 7, 3), int), "int"),
     ],
 )
