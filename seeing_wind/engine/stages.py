@@ -185,6 +185,9 @@ def check_solve(settings: RecoverSettings, clip: bool, views: int = 0) -> None:
         known_body(settings.body)
     if settings.schedule == "paper" and (settings.still is not None or settings.body is not None):
         raise UsageError("--still and --body belong to the default schedule.", "Leave them out, or leave out --schedule paper.")
+    if settings.schedule == "paper" and settings.iterations != RecoverSettings().iterations:
+        hint = "Leave it out and give --frame-iterations, or leave out --schedule paper."
+        raise UsageError(f"--iterations {settings.iterations} belongs to the default schedule.", hint)
     if settings.schedule != "paper" and settings.frame_iterations != RecoverSettings().frame_iterations:
         raise UsageError("--frame-iterations belongs to --schedule paper.", "Leave it out, or add --schedule paper.")
     if settings.objective == "tracking":

@@ -21,7 +21,7 @@ from ..settings.recover import SOLVE
 
 DESCRIPTIONS = {NETWORKS: "each a folder, or a name in the hub's cache; see `doctor`"}
 """Of the groups that need more than their title."""
-CLIP = "a video, a folder of images, or a pattern such as shot_%%04d.png"
+CLIP = "a video, or with --fps a folder of images or a pattern such as shot_%%04d.png"
 
 
 class Parser(argparse.ArgumentParser):
@@ -156,7 +156,7 @@ def _solve(p: Parser, **defaults: tuple[Any, str]) -> None:
 
 
 def _identify(p: Parser) -> None:
-    p.add_argument("clip", metavar="CLIP", help=CLIP)
+    p.add_argument("clip", metavar="CLIP", help="a video, a folder of images, or a pattern such as shot_%%04d.png")
     p.add_argument("--take", type=path, required=True, metavar="DIR", help="gets objects.json and a mask per object")
     p.add_argument("--material-endpoint", required=True, metavar="URL", help="OpenAI-compatible address")
     p.add_argument("--material-model", required=True, metavar="NAME", help="the endpoint's name of the model")

@@ -23,12 +23,13 @@ class ObserveSettings:
     """From a clip to masks, depth and tracks."""
 
     fps: float | None = option(
-        None, label="FPS", help="frames per second, if the file's number is wrong", unit="1/s", above=0.0, metavar="F", group=SEEN,
-        otherwise="the file's", panel="main", unset=0.0, typical=(0.0, 240.0),
+        None, label="FPS", help="frames per second: needed for images, which carry none, and for a video whose own number is wrong",
+        tooltip="frames per second, if the file's number is wrong", unit="1/s", above=0.0, metavar="F", group=SEEN,
+        otherwise="the video's", panel="main", unset=0.0, typical=(0.0, 240.0),
     )  # fmt: skip
     frames: tuple[int, int] | None = option(
-        None, label="Frames", help="first and last frame, both inclusive, counted from 0", minimum=0, metavar="A:B", form=RANGE,
-        group=SEEN, otherwise="all", panel="main", start=(0, 40),
+        None, label="Frames", help="first and last frame, both inclusive and counted from 0; two frames at least", minimum=0,
+        metavar="A:B", form=RANGE, group=SEEN, otherwise="all", panel="main", start=(0, 40),
     )  # fmt: skip
     mask: str | None = option(
         None, help="PNG of the first frame, non-zero where the object is", metavar="PNG", group=SEEN, one_of="object", file=True,

@@ -247,6 +247,6 @@ def _pairs(values: Sequence[float]) -> list[str]:
     return [f"{number_text(x)},{number_text(y)}" for x, y in zip(values[::2], values[1::2])]
 
 
-RANGE = Form(frame_range, lambda value: [f"{value[0]}:{value[1]}"], "be two frames in order, such as 12:27")
+RANGE = Form(frame_range, lambda value: [f"{value[0]}:{value[1]}"], "be a first frame and a later last one, such as 12:27")
 PIXELS = Form(pixel, _pairs, "be points such as 120,80", many=True)
 MARKS = Form(mark, _marks, "be points such as 40+120,80, or 40-120,80 beside the object", many=True)

@@ -55,8 +55,8 @@ class RecoverSettings:
         },
     )  # fmt: skip
     iterations: int = option(
-        12, help="Gauss-Newton iterations at most; 1 gives a draft, with a knot every four frames", minimum=1, maximum=1000, metavar="N",
-        group=SOLVE, typical=(None, 50),
+        12, help="Gauss-Newton iterations of a solid at most; 1 gives a draft, with a knot every four frames", minimum=1, maximum=1000,
+        metavar="N", group=SOLVE, typical=(None, 50),
     )  # fmt: skip
     schedule: str = option(
         "default", help="in which order forces are solved for", group=COMPARED, panel="",
