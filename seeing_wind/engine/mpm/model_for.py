@@ -145,11 +145,11 @@ def _with_damping(model: Model, bodies: Sequence[Particles], materials: Sequence
     carried = longest_retardation(model)
     for body, stuff in zip(bodies, materials):
         if stuff.retardation > carried and np.any(body.pinned):
-            less = stuff.retardation / carried
+            damped = stuff.loss_factor * carried / stuff.retardation
             notes.append(
-                f"{stuff.name}: its loss factor of {stuff.loss_factor:.2g} is more than the solver can damp, so it swings on for longer, "
-                f"with {stuff.loss_factor / less:.2g} (all of it would need {needed} substeps a frame; there are {model.substeps}). Fewer "
-                "particles allow more damping."
+                f"{stuff.name} swings on for longer than it should: it has a loss factor of {stuff.loss_factor:.2g}, and with "
+                f"{model.substeps} substeps a frame the solver damps no more than {damped:.2g}. All of it would need {needed} substeps; "
+                "fewer particles allow more damping."
             )
     return with_retardation(model, np.concatenate([np.full(len(body.x), stuff.retardation) for body, stuff in zip(bodies, materials)]))
 

@@ -22,7 +22,7 @@ from seeing_wind.engine.recovery.solve import block as blocks
 from seeing_wind.engine.recovery.solve import stiffness
 from seeing_wind.engine.recovery.solve.constants import PACE
 from seeing_wind.engine.recovery.solve.section import section_shapes
-from seeing_wind.engine.recovery.solve.stiffness import Stiffness, is_free, scaled, stiffest, youngs_modulus
+from seeing_wind.engine.recovery.solve.stiffness import Stiffness, is_free, remark, scaled, stiffest, youngs_modulus
 from seeing_wind.engine.settings import BodyEdit, Edit, RecoverSettings
 from tests.engine.mpm.bodies import retardation_of
 from tests.engine.recovery.bodies import FPS, RUBBER, WEIGHTLESS, blow, camera, every, plate, points, relative
@@ -279,6 +279,15 @@ def test_a_body_that_is_lost_tells_no_stiffness(swing, monkeypatch):
     monkeypatch.setattr(blocks, "PACE", replace(PACE, stiffness_lost=-1.0))
     found = recover(body, TOO_STIFF, tracks, FPS, WEIGHTLESS, NoProgress())
     assert found.youngs_modulus is None and not [note for note in found.notes if "The motion fits" in note]
+
+
+@pytest.mark.parametrize(
+    ("cells", "says"), [(0.001, "begins at the border"), (0.2, "mm inside the border"), (-0.2, "mm outside the border")]
+)
+def test_where_the_clamp_was_found_is_told_in_words(cells, says):
+    model, _ = model_for(post(), RUBBER, FPS)
+    (note,) = remark(Stiffness(True, np.array([0.0, cells, 0.0, 0.0]), 1e-6 * np.eye(4)), model, post())
+    assert says in note and " 0.0" not in note
 
 
 def test_thin_parts_that_are_simulated_thicker_are_told_and_keep_their_material(swing):

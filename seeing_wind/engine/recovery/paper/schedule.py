@@ -117,7 +117,10 @@ def recover_by_descent(
         )
     missed = sum(misfit > FOUND for misfit in descent.misfits)
     if missed:
-        notes.append(f"{missed} of {frames} frames kept a misfit above {FOUND:g} of the motion that the force causes in a frame.")
+        notes.append(
+            f"In {missed} of {frames} frames the solve ended before the misfit was below {100.0 * FOUND:g} % of how far the force moves "
+            "the body in a frame."
+        )
     acceleration = np.stack(descent.accelerations)
     metres = residual if in_metres else residual * _metres_per_pixel(targets, particles)
     return Recovery(

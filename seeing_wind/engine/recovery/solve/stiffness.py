@@ -42,6 +42,9 @@ from .forward import Forward
 from .gauss_newton import Solution
 from .section import section_shapes
 
+LEAST_SHIFT = 5e-5
+"""Metres between a clamp and the border given that are told."""
+
 
 def wide(section: float = PRIOR.section_spread) -> np.ndarray:
     """(4, 4) covariance of q before the clip is seen, with this standard deviation of a and b."""
@@ -163,11 +166,13 @@ def remark(stiffness: Stiffness, model: Model, body: Particles) -> list[str]:
     if stiffness.known:
         percent, found = round(100.0 * math.expm1(stiffness.s)), youngs_modulus(model, body, stiffness.s)
         beside = f"{abs(percent)} % {'above' if percent > 0 else 'below'} the given {in_units(given, 'Pa')}" if percent else "as given"
-        away = 1000.0 * stiffness.deeper * model.dx
+        away = stiffness.deeper * model.dx
+        side = "inside" if away > 0.0 else "outside"
+        where = f"{in_units(abs(away), 'm', 2)} {side}" if abs(away) >= LEAST_SHIFT else "at"
         return [
-            f"The motion fits a Young's modulus of {in_units(found, 'Pa')} ({beside}, ±{100.0 * stiffness.deviation:.2g} %) on a body held "
-            f"from {abs(away):.1f} mm {'inside' if away > 0.0 else 'outside'} the border given: the forces are those on such a body. "
-            f"--stiffness given keeps what was given."
+            f"The motion fits a Young's modulus of {in_units(found, 'Pa')} ({beside}, ±{100.0 * stiffness.deviation:.2g} %), and a clamp "
+            f"that begins {where} the border of what is marked as held. The forces are those on such a body; --stiffness given keeps the "
+            "modulus and the border as given."
         ]
     if stiffness.free and stiffness.deviation < PRIOR.stiffness_spread:
         return [f"The motion does not tell how stiff the held body is: {in_units(given, 'Pa')} was kept, and its forces grow with that."]
