@@ -115,6 +115,9 @@ def test_the_verb_writes_masks_and_options_that_recover_takes(server, tmp_path: 
     listed = identify(arguments, NoProgress())["objects"]
     assert [one["name"] for one in listed] == ["rubber_ball", "brick"]
     assert json.loads((tmp_path / "a take" / "objects.json").read_text())["objects"] == listed
+    page = (Path(__file__).parents[4] / "docs" / "reference" / "formats.md").read_text(encoding="utf-8")
+    told = page.split("### Objects\n")[1].split("\n### ")[0]
+    assert [key for key in listed[0] if f"`{key}`" not in told] == []
     assert iou(read_mask(listed[1]["mask"], 120, 160), brick) > 0.95
     again = parser().parse_args(["recover", "clip.mp4", "--take", "b", *shlex.split(listed[1]["options"])])
     assert (again.mask, again.law, again.density, again.yield_stress) == (listed[1]["mask"], "von_mises", 1900.0, 3e4)
