@@ -60,7 +60,8 @@ def test_meshes_that_cannot_move_are_refused(scene, recovered) -> None:
     for name, (vertices, faces, says) in unfit.items():
         mesh(name, vertices, faces)
         refused(lambda name=name: ops.insert_mesh(object=name), f"{name} has .*{says}")
-        assert not len(scene.seeing_wind.bodies)
+        refused(lambda name=name: ops.insert_collider(object=name), f"{name} has .*{says}")
+        assert not len(scene.seeing_wind.bodies) and not len(scene.seeing_wind.colliders)
         fine = scene.objects[mesh(f"{name} later", leaf, [(0, 1, 2)])]
         ops.insert_mesh(object=fine.name)
         fine.data = scene.objects[name].data

@@ -220,6 +220,8 @@ class SEEING_WIND_OT_insert_collider(DirectOperator, bpy.types.Operator):
 
     def act(self, context):
         """One collider per mesh; what is a body of this edit cannot be one."""
+        from .resimulate.edit_export import refuse_unfit  # needs NumPy
+
         settings = context.scene.seeing_wind
         found = [context.scene.objects.get(self.object)] if self.object else list(context.selected_objects)
         taken = {each.object for each in (*settings.colliders, *settings.bodies)}
@@ -227,6 +229,7 @@ class SEEING_WIND_OT_insert_collider(DirectOperator, bpy.types.Operator):
         new = [obj for obj in meshes if obj not in taken and not shows_field(obj, settings)]
         if not new:
             raise UsageError("There is no mesh to collide with.", "Select meshes that are neither bodies nor colliders of this edit.")
+        refuse_unfit(new, context.scene)
         for obj in new:
             collider = settings.colliders.add()
             collider.name, collider.object = obj.name, obj

@@ -70,7 +70,7 @@ def export_edit(
 
 
 def refuse_unfit(objects: Sequence[bpy.types.Object], scene: bpy.types.Scene) -> None:
-    """UsageError for the first of `objects` that Re-simulate could not write as a body: of no area, or with vertices that are nowhere.
+    """UsageError for the first of `objects` that Re-simulate could not write as a body or a collider: of no area, or with vertices nowhere.
 
     As Re-simulate does, it looks at them in the clip's first frame; the scene goes there only where one of them may move.
     """
