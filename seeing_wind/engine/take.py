@@ -192,6 +192,17 @@ class Take:
             raise TakeError(f"{path} cannot be read: {error}.", "Remove it to start the take afresh; the other files are kept.") from error
         return values
 
+    def source_of(self, stage: str, key: str) -> str:
+        """The file that a finished stage was given as `key`, such as the clip of *observe*; "" where the take does not say.
+
+        Nor does one that cannot be read, which is told by the stage that reads it.
+        """
+        try:
+            named = self.description().get("stages", {}).get(stage, {}).get("settings", {}).get(key)
+        except TakeError:
+            return ""
+        return named if isinstance(named, str) and "\0" not in named else ""
+
     def is_done(self, stage: str, stamp: str) -> bool:
         """Whether `stage` was finished with exactly these inputs and settings."""
         return self.description().get("stages", {}).get(stage, {}).get("stamp") == stamp

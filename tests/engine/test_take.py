@@ -209,3 +209,12 @@ def test_damaged_arrays_are_a_take_error(tmp_path: Path, damage: str) -> None:
     path.write_bytes({"empty": b"", "cut": good[:200], "garbled": garbled, "no archive": b"PK\x03\x04x"}[damage])
     with pytest.raises(TakeError, match="cannot be read"):
         Take(tmp_path).read_arrays(path.name)
+
+
+def test_a_take_says_what_a_stage_was_made_from_unless_it_is_damaged(tmp_path: Path) -> None:
+    take = Take(tmp_path / "t.take")
+    assert take.source_of("observe", "clip") == ""
+    take.finish("observe", "stamp", {"clip": "a.mp4", "seed": 3})
+    assert [take.source_of("observe", key) for key in ("clip", "seed", "mask")] == ["a.mp4", "", ""]
+    take.file("take.toml").write_text("[stages")
+    assert take.source_of("observe", "clip") == ""

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from ..conventions import image_files, is_sequence
-from ..errors import TakeError, UsageError
+from ..errors import UsageError
 from ..settings import BuildSettings, Edit, ObserveSettings, RecoverSettings, options_of
 from ..settings.tables import names_in
 from ..take import RESULTS, Take
@@ -91,7 +91,7 @@ def refuse_of_another(take: Take, clip: str) -> None:
     Raises:
         UsageError: it would be.
     """
-    of = _settings_of(take, "observe").get("clip")
+    of = take.source_of("observe", "clip")
     if _another(clip, of):
         raise UsageError(
             f"{take.path} is the take of another clip, {of}, and not of {clip}.",
@@ -105,7 +105,7 @@ def refuse_of_another_edit(take: Take, edit: Path) -> None:
     Raises:
         UsageError: it is another edit's.
     """
-    of = _settings_of(take, "resimulate").get("edit")
+    of = take.source_of("resimulate", "edit")
     if not edit.resolve().is_relative_to(take.path.resolve()) and _another(str(edit), of):
         raise UsageError(
             f"{take.path} holds the re-simulation of another edit, {of}, and not of {edit}.",
@@ -113,18 +113,9 @@ def refuse_of_another_edit(take: Take, edit: Path) -> None:
         )
 
 
-def _settings_of(take: Take, stage: str) -> dict[str, object]:
-    """What a stage of the take was given; nothing where the take cannot be read, which is told by the stage that reads it."""
-    try:
-        settings: dict[str, object] = take.description().get("stages", {}).get(stage, {}).get("settings", {})
-    except TakeError:
-        return {}
-    return settings
-
-
-def _another(file: str, than: object) -> bool:
+def _another(file: str, than: str) -> bool:
     """Whether a file is another one than a take names, if it names any: neither the same, nor a copy, nor one that was moved."""
-    if not isinstance(than, str) or not than or "\0" in than or os.path.realpath(file) == os.path.realpath(than):
+    if not than or os.path.realpath(file) == os.path.realpath(than):
         return False
     if os.path.isfile(file) and os.path.isfile(than):
         return not filecmp.cmp(file, than, shallow=False)

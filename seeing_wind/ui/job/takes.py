@@ -70,11 +70,8 @@ def _of_another(folder: Path, clip: str) -> str:
     """The path of the clip that a take is of, where that is another one; "" where it is not, or the take does not say."""
     from ...engine.take import Take  # needs NumPy
 
-    try:
-        named = Take(folder).description().get("stages", {}).get("observe", {}).get("settings", {}).get("clip", "")
-    except TakeError:  # told by the stage that reads it
-        return ""
-    return named if isinstance(named, str) and named and "\0" not in named and is_another_film(clip, named) else ""
+    named = Take(folder).source_of("observe", "clip")
+    return named if named and is_another_film(clip, named) else ""
 
 
 def home_of(scene: bpy.types.Scene, name: str) -> Path:
