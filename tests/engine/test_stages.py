@@ -142,7 +142,7 @@ def test_a_take_that_an_older_engine_left_with_two_runs_in_it_is_done_again(tmp_
 def test_a_further_view_is_a_stage_of_its_own_and_observed_once(project: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     clips: list[str] = []
 
-    def seen(clip: str, settings: ObserveSettings, progress: Progress, journal: Journal, watch: None) -> Observation:
+    def seen(clip: str, settings: ObserveSettings, progress: Progress, journal: Journal, watch: None, ready: None) -> Observation:
         clips.append(clip)
         return observed(np.pad(np.ones((20, 20), bool), 8), 1.0, clip=clip)
 
