@@ -15,6 +15,7 @@ import pytest
 
 from seeing_wind.engine import systems
 from seeing_wind.engine.command import cancelling
+from seeing_wind.engine.errors import WRONG_INPUT
 from seeing_wind.engine.progress import CANCEL_BY_STDIN
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -134,4 +135,4 @@ def test_a_log_on_a_full_disk_stops_no_job(tmp_path: Path) -> None:
     with open("/dev/full", "w") as full:
         command = [sys.executable, "-m", "seeing_wind.engine", "recover", "none.mp4", "--take", str(tmp_path / "t.take")]
         job = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True)
-    assert job.returncode == 1 and "could not be written" in job.stderr and "Traceback" not in job.stderr
+    assert job.returncode == WRONG_INPUT and "could not be written" in job.stderr and "Traceback" not in job.stderr

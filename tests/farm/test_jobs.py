@@ -195,6 +195,7 @@ def test_options_become_words(workplace):
     [
         ("", "it is empty"),
         ("x = 3", "no \\[\\[job\\]\\]"),
+        ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nrecover = { no_gravity = "yes" }', "no_gravity in recover of job 1 is 'yes'"),
         ("[[job]", "no TOML"),
         ('[[job]]\nclip = "clip.mp4"', "no take"),
         ('[[job]]\ntake = "t"', "neither a clip nor"),
@@ -206,7 +207,6 @@ def test_options_become_words(workplace):
         ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nrecover = { material = "leef" }', "no material 'leef'"),
         ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nrecover = { mask = "m.png" }', "mask of job 1: there is no file"),
         ('[[job]]\ntake = "t"\nclip = "shot_%04d.png"', "there are no images"),
-        ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nrecover = { no_gravity = "yes" }', "no_gravity in recover of job 1 is 'yes'"),
         ('[[job]]\ntake = 3\nclip = "clip.mp4"', "no text"),
         ('[[job]]\nname = "a"\ntake = "t"\nclip = "clip.mp4"\n[[job]]\nname = "a"\ntake = "u"\nclip = "clip.mp4"', "Two jobs"),
         ('[[job]]\ntake = "t"\nclip = "clip.mp4"\n[[job]]\ntake = "t"\nclip = "edit.toml"', "job 1 and job 2 recover different"),
