@@ -1,8 +1,8 @@
 """`blender --command seeing_wind VERB ...`: the worker's verbs and options, unchanged, with Blender's scene on top.
 
 `recover`, `recover-trajectories` and `resimulate` also take `--save FILE.blend`; `batch JOBS.toml` does many of them, and `bake` makes a
-file of takes that are there, see `batch`. Exit codes are the worker's: 0 done, 1 failed, 2 wrong usage, 3 done with warnings, 130
-cancelled.
+file of takes that are there, see `batch`. Exit codes are the worker's: 0 done, 1 the work failed, 2 what was given cannot be
+used, 3 done with warnings, 130 cancelled.
 """
 
 from __future__ import annotations
