@@ -15,7 +15,7 @@ import pytest
 from seeing_wind.engine.command import verbs
 from seeing_wind.engine.command.reporting import report_result
 from seeing_wind.engine.conventions import UNHELD
-from seeing_wind.engine.errors import MissingPackage, TakeError
+from seeing_wind.engine.errors import MissingPackage, TakeError, UsageError
 from seeing_wind.engine.progress import Cancelled, Journal, NoProgress, Progress
 from seeing_wind.engine.records import Outcome, Recovery
 from seeing_wind.engine.recovery.diagnostics.remarks import DISTRUST, EXPLAINS_NOTHING, worst_first
@@ -158,7 +158,7 @@ def test_what_is_coarser_or_shorter_than_in_full_says_that_it_is_a_preview(edit:
 def test_a_folder_that_cannot_be_written_is_told_before_anything_is_simulated(edit: Namespace, monkeypatch: pytest.MonkeyPatch) -> None:
     Path(edit.take).write_text("a file")
     stages: list[str] = []
-    with pytest.raises(TakeError, match="is no folder"):
+    with pytest.raises(UsageError, match="is no folder"):
         verbs.resimulate(edit, Progress(lambda message: stages.append(message["stage"])))
     assert not stages
 
