@@ -50,6 +50,21 @@ def test_what_is_no_clip_is_refused_and_the_former_one_stays(scene, workplace, t
     refused(lambda: ops.draw_box(box=(40, 40, 20, 20)), "too small")
 
 
+def test_a_collider_without_an_inside_is_refused_when_it_is_added(scene, recovered) -> None:
+    ops = bpy.ops.seeing_wind
+    bpy.ops.mesh.primitive_plane_add()
+    plane = bpy.context.object
+    refused(lambda: ops.insert_collider(object=plane.name), "is open, .*Solidify")
+    plane.modifiers.new("Thickness", "SOLIDIFY").thickness = 0.1
+    assert ops.insert_collider(object=plane.name) == {"FINISHED"}
+    refused(lambda: ops.insert_collider(object=plane.name), f"{plane.name} is in this edit already")
+
+
+def test_a_box_that_holds_nothing_is_named(scene, workplace) -> None:
+    bpy.ops.seeing_wind.choose_clip(filepath=str(workplace / "clip.mp4"))
+    refused(lambda: bpy.ops.seeing_wind.recover(box=(40, 40, 20, 20)), "40 40 20 20, holds nothing")
+
+
 def test_meshes_that_cannot_move_are_refused(scene, recovered) -> None:
     ops, leaf = bpy.ops.seeing_wind, [(0, 0, 0), (1, 0, 0), (0, 1, 0)]
     unfit = {

@@ -86,8 +86,10 @@ class SEEING_WIND_OT_insert_mesh(DirectOperator, bpy.types.Operator):
             found = import_meshes(absolute(self.filepath))
         elif self.object:
             obj = context.scene.objects.get(self.object)
-            if obj is None or obj.type != "MESH":
-                raise UsageError(f"There is no mesh object {self.object!r} in the scene.", "Name one, or select it.")
+            if obj is None:
+                raise UsageError(f"There is no object {self.object!r} in the scene.", "Name a mesh object, or select it.")
+            if obj.type != "MESH":
+                raise UsageError(f"{obj.name} is no mesh but a {obj.type.lower()}.", "Convert it (Object > Convert > Mesh).")
             found = [obj]
         else:
             found = list(context.selected_objects)
@@ -228,8 +230,12 @@ class SEEING_WIND_OT_insert_collider(DirectOperator, bpy.types.Operator):
         meshes = [obj for obj in found if obj is not None and obj.type == "MESH"]
         new = [obj for obj in meshes if obj not in taken and not shows_field(obj, settings)]
         if not new:
-            raise UsageError("There is no mesh to collide with.", "Select meshes that are neither bodies nor colliders of this edit.")
-        refuse_unfit(new, context.scene)
+            there = ", ".join(obj.name for obj in meshes if obj in taken)
+            raise UsageError(
+                f"There is no mesh to collide with{f': {there} is in this edit already' if there else ''}.",
+                "Select meshes that are neither bodies nor colliders of this edit.",
+            )
+        refuse_unfit(new, context.scene, collide=True)
         for obj in new:
             collider = settings.colliders.add()
             collider.name, collider.object = obj.name, obj

@@ -86,8 +86,11 @@ def test_everything_selected_inserts_what_can_move(workplace, scene) -> None:
     assert sorted((body.name, body.is_recovered) for body in settings.bodies) == [("One", False), ("Recovered Object", True)]
     assert bpy.ops.seeing_wind.resimulate() == {"FINISHED"}
     settings.bodies.clear()
+    bpy.ops.object.select_all(action="DESELECT")
+    for name in ("One", cube("Two").name):
+        scene.objects[name].select_set(True)
     bpy.ops.seeing_wind.insert_collider()
-    assert {each.name for each in settings.colliders} == {"One", "Recovered Object"}
+    assert {each.name for each in settings.colliders} == {"One", "Two"}
 
 
 def test_any_name_can_be_simulated(workplace, scene) -> None:

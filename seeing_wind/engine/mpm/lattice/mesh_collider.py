@@ -9,7 +9,7 @@ import numpy as np
 
 from ...conventions import FARTHEST
 from ...errors import UsageError
-from .closed_mesh import is_closed, signed_volume, triangle_areas, weld
+from .closed_mesh import encloses, signed_volume, triangle_areas
 from .conditions import SEPARATE, SLIP, STICKY
 
 KINDS = {"sticky": STICKY, "slip": SLIP, "separate": SEPARATE}
@@ -51,16 +51,14 @@ class MeshCollider:
             )
         path = None if self.path is None else _checked_path(self.path, len(vertices))
         vertices = vertices.astype(np.float64) if path is None else path[0]
-        solid = weld(vertices, faces)
-        solid = solid[(solid != np.roll(solid, 1, axis=1)).all(axis=1)]
-        if not len(solid) or not is_closed(solid):
+        if not encloses(vertices, faces):
             raise UsageError(
                 "A collider's mesh is open or its faces do not all look the same way.",
-                "Close its holes and recalculate its normals (Mesh > Normals > Recalculate Outside), or use a Plane.",
+                "Close its holes and recalculate its normals (Mesh > Normals > Recalculate Outside), or use a plane (in the panel: Floor).",
             )
         size = float(np.ptp(vertices, axis=0).max())
         if not abs(signed_volume(vertices, faces)) > 1e-9 * size**3:
-            raise UsageError("A collider's mesh holds no volume.", "Give it a thickness, or use a Plane.")
+            raise UsageError("A collider's mesh holds no volume.", "Give it a thickness, or use a plane (in the panel: Floor).")
         object.__setattr__(self, "path", path)
         object.__setattr__(self, "faces", faces.astype(np.int64))
         self._stand(vertices)
