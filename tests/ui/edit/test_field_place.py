@@ -11,6 +11,7 @@ from seeing_wind.ui import freshness
 from tests.ui.edit.edits import state, written
 from tests.ui.fake_engine import DENSITY, FRAMES, swirl
 from tests.ui.fake_engine import away as from_object
+from tests.ui.jobs import notes_of
 from tests.ui.meshes import cube
 
 BOX = np.array([[-0.5, -0.3, -0.5], [0.7, 0.3, 0.6]])
@@ -121,3 +122,16 @@ def test_in_another_unit_it_is_the_same_place(workplace, recovered, checks):
     bpy.ops.seeing_wind.resimulate()
     place = np.load(workplace / "out.edit.take" / "field_place.npy")
     np.testing.assert_allclose(place[3], [[1, 0, 0, 1.0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]], atol=1e-5)
+
+
+def test_a_field_that_is_deleted_or_hidden_is_told_and_still_fades(workplace, recovered, field):
+    def told(said: str) -> bool:
+        bpy.ops.seeing_wind.resimulate()
+        return any(said in note for note in notes_of(recovered, "resimulate"))
+
+    assert not told("hidden in viewports")
+    field.hide_viewport = True
+    assert told("hidden in viewports")
+    fade = written(workplace)["fade"]
+    bpy.data.objects.remove(field)
+    assert told("was deleted") and written(workplace)["fade"] == pytest.approx(fade, rel=1e-5)

@@ -11,6 +11,7 @@ import numpy as np
 
 from ....engine.conventions import GRAVITY
 from ....engine.errors import TakeError, UsageError
+from ....engine.mpm.lattice.closed_mesh import encloses
 from ....engine.record_arrays import from_arrays
 from ....engine.records import Attachment
 from ....engine.take import Take
@@ -22,7 +23,7 @@ from ...option_properties import single
 from ...scene_mesh import mesh_arrays, name_of, pinned_vertices, solid_arrays
 from ...scene_units import metres_per_unit
 from .edit_files import export_mesh, export_pins, write_array, write_edit, write_pins
-from .field_place import standing
+from .field_place import said_of_field, standing
 from .force_fields import force_fields, left_out
 from .further_forces import further_forces
 from .geometry import may_move, seen_in_place_of
@@ -59,7 +60,7 @@ def export_edit(
         stands = standing(scene, field.box, frames, request.metres)
     finally:
         scene.frame_set(at)
-    notes += left_out(scene)
+    notes += said_of_field(scene) + left_out(scene)
     forces, said = _forces(request, scene, field, folder, bodies, frames)
     values = request.values | stands.ends | {
         "field_strength": _strengths(scene, field, stands.share), "field_place": _place(stands.place, folder), "forces": forces,
@@ -69,8 +70,9 @@ def export_edit(
     return write_edit(folder, bodies, _gravity(request, source), colliders, own(scene.seeing_wind), **values), notes + said
 
 
-def refuse_unfit(objects: Sequence[bpy.types.Object], scene: bpy.types.Scene) -> None:
-    """UsageError for the first of `objects` that Re-simulate could not write as a body or a collider: of no area, or with vertices nowhere.
+def refuse_unfit(objects: Sequence[bpy.types.Object], scene: bpy.types.Scene, collide: bool = False) -> None:
+    """UsageError for the first of `objects` that Re-simulate could not write as a body: of no area, or with vertices nowhere; or, as what
+    bodies `collide` with, which needs an inside, too.
 
     As Re-simulate does, it looks at them in the clip's first frame; the scene goes there only where one of them may move.
     """
@@ -80,8 +82,14 @@ def refuse_unfit(objects: Sequence[bpy.types.Object], scene: bpy.types.Scene) ->
         scene.frame_set(first)
     try:
         for obj in objects:
-            with at_rest(obj, scene) as still:
-                solid_arrays(still, bpy.context.evaluated_depsgraph_get())
+            with as_shown(seen_in_place_of(obj, scene), scene) if collide else at_rest(obj, scene) as still:
+                vertices, triangles = solid_arrays(still, bpy.context.evaluated_depsgraph_get())
+            if collide and not encloses(vertices, triangles):
+                raise UsageError(
+                    f"{obj.name} is open, or its faces do not all look the same way: it has no inside that is in the way.",
+                    "Close its holes, recalculate its normals (Mesh > Normals > Recalculate Outside), or give a sheet a thickness "
+                    "(Solidify modifier). For level ground use Floor.",
+                )
     finally:
         if away:
             scene.frame_set(int(before // 1), subframe=before % 1.0)

@@ -54,7 +54,7 @@ def standing(scene: bpy.types.Scene, box: np.ndarray, frames: list[float], metre
 
     obj = _field(scene)
     if obj is None:
-        return Standing(None, [1.0] * (len(frames) - 1), {})
+        return Standing(None, [1.0] * (len(frames) - 1), {"fade": reach_of(FADE, box).width})
     # solvers go to a frame, and feel the field as it stands there
     asked = [int(frame // 1) + 1 for frame in frames[:-1]]
     matrices, shares = {}, {}
@@ -73,6 +73,16 @@ def standing(scene: bpy.types.Scene, box: np.ndarray, frames: list[float], metre
     elif reach.kind == CONTINUE:
         ends = {"falloff": [(1.0 + reach.radius) * metres, reach.power]}
     return Standing(world if moved else None, [shares.get(frame, shares[asked[0]]) for frame in asked], ends)
+
+
+def said_of_field(scene: bpy.types.Scene) -> list[str]:
+    """Where the re-simulation feels the recovered field and Blender's own solvers do not."""
+    obj = _field(scene)
+    if obj is None:
+        return ["The field object was deleted: the recovered field acts where it was, and fades beside it. Reload brings the object back"]
+    if obj.hide_viewport:
+        return [f"{obj.name} is hidden in viewports, where Blender's own solvers do not feel it; the bodies here did"]
+    return []
 
 
 def _field(scene: bpy.types.Scene) -> bpy.types.Object | None:
