@@ -20,6 +20,10 @@ from .match import ALL, OURS, follow
 CAMERA = "Seeing Wind Camera"
 DRAWN = 0.2
 """Size of the camera's frame in the viewport: as large as Blender's own it would hide what it filmed."""
+NEAR, FAR = 0.1, 1000.0
+"""Between these distances the clip's camera sees [m], as a new camera of Blender's does in a scene in metres."""
+UNIT = "seeing_wind_unit"
+"""Custom property of a camera's data: the length of a unit of the scene [m] for which they were set."""
 SENSOR_WIDTH = 36.0
 """mm; the focal length in mm that Blender shows is relative to it."""
 
@@ -63,9 +67,10 @@ def setup_clip_scene(
     _check_camera(camera, frames)
     clip = _load_clip(scene, clip_path, first_frame, frame_start)
     scene.active_clip = clip
-    obj = _camera_object(scene)
+    obj, unit = _camera_object(scene), metres_per_unit(scene)
     _set_lens(obj.data, camera)
-    set_poses(obj, np.asarray(camera["camera_to_world"], dtype=np.float64), metres_per_unit(scene), frame_start)
+    _set_reach(obj.data, unit)
+    set_poses(obj, np.asarray(camera["camera_to_world"], dtype=np.float64), unit, frame_start)
     set_background(obj.data, clip)
     # pixels that are not square: Blender stretches one side by a factor of at least one
     aspect = max(camera["fy"] / camera["fx"], 1.0), max(camera["fx"] / camera["fy"], 1.0)
@@ -156,7 +161,7 @@ def _camera_object(scene: bpy.types.Scene) -> bpy.types.Object:
     obj = next((each for each in scene.objects if each.get(OURS)), None)
     if obj is None:
         obj = bpy.data.objects.new(CAMERA, bpy.data.cameras.new(CAMERA))
-        obj[OURS], obj.data.display_size = True, DRAWN
+        obj[OURS] = True
         scene.collection.objects.link(obj)
     return obj
 
@@ -168,6 +173,12 @@ def _set_lens(data: bpy.types.Camera, camera: Mapping[str, Any]) -> None:
     data.lens = fx * SENSOR_WIDTH / width
     data.shift_x = 0.5 - (camera["cx"] + 0.5) / width
     data.shift_y = ((camera["cy"] + 0.5) / height - 0.5) * (height * fx) / (width * fy)
+
+
+def _set_reach(data: bpy.types.Camera, unit: float) -> None:
+    """How near and how far it sees, and how large it is drawn, in units of `unit` metres; once a unit, so that what the user sets stays."""
+    if data.get(UNIT) != unit:
+        data.clip_start, data.clip_end, data.display_size, data[UNIT] = NEAR / unit, FAR / unit, DRAWN / unit, unit
 
 
 def set_poses(obj: bpy.types.Object, poses: np.ndarray, unit: float, frame_start: int) -> None:

@@ -26,6 +26,7 @@ def test_the_scene_s_camera_is_the_inverse_of_what_a_take_makes(settings, tmp_pa
     if moving:
         given = dataclasses.replace(given, camera_to_world=np.stack([camera(0.1 * k).camera_to_world for k in range(FRAMES)]))
     setup_clip_scene(scene, settings.clip, dataclasses.asdict(given), 24.0, 0, FRAMES - 1, settings.frame_start)
+    assert scene.camera.data.clip_end * unit == pytest.approx(1000.0), "it sees as far in any unit"
     scene.camera.scale = (2.0, 2.0, 2.0)  # a user's way to see it better
     settings.camera_mode = "SCENE"
     values = json.loads(written(settings, tmp_path)["camera"].read_text())
