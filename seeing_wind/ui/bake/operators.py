@@ -54,6 +54,8 @@ class SEEING_WIND_OT_clear_bake(DirectOperator, bpy.types.Operator):
         from .bodies import clear_bodies  # needs NumPy
 
         count = clear_bodies(context.scene, self.object)
+        if not count:
+            return "Nothing is baked"
         return f"Cleared the motion of {count} {'body' if count == 1 else 'bodies'}"
 
 

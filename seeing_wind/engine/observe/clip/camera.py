@@ -94,7 +94,7 @@ def read_camera(path: str, width: int, height: int, frames: int, first_frame: in
         values = from_transforms(path, values, width, height)
     missing = [key for key in KEYS if key not in values]
     if missing:
-        raise UsageError(f"The camera {path} lacks {', '.join(missing)}.", f"It needs {', '.join(KEYS)}.")
+        raise UsageError(f"The camera {path} lacks {', '.join(missing)}.", "See docs/reference/formats.md for what belongs in it.")
     numbers = {key: number_in(path, key, values[key]) for key in (*KEYS[:6], *LENS) if key in values}
     if (numbers["width"], numbers["height"]) != (width, height):
         raise UsageError(

@@ -138,7 +138,7 @@ class Surroundings:
             return []
         worst, kind = int(left.argmin()), self.field.kind
         fades = f"so far from the clip's object the {kind} at it fades to {100 * left[worst]:.0f} %, in {frame_named(worst)}"
-        return [f"{fades}; without `fade` (in the panel Field: Reach, Hold) it is whole"]
+        return [f"{fades}; to have it whole there, set Reach to Hold in the panel Field, or leave fade out of edit.toml"]
 
 
 def extrapolate(field: ForceField, points: np.ndarray, frame: int, reach: Reach = Reach()) -> tuple[np.ndarray, np.ndarray]:

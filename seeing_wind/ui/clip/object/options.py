@@ -67,6 +67,8 @@ def _marked(mode: str, values: dict[str, Any]) -> list[str]:
     if mode == "BOX":
         x0, y0, x1, y1 = values["box"]
         if x1 <= x0 or y1 <= y0:
-            raise ObjectError("No box is drawn round the object.", "Use Draw Box, or give left, top, right and bottom in pixels.")
+            empty = f"The box round the object, {x0:g} {y0:g} {x1:g} {y1:g}, holds nothing."
+            said = empty if any(values["box"]) else "No box is drawn round the object."
+            raise ObjectError(said, "Use Draw Box, or give left, top, right and bottom in pixels.")
         return ["box"]
     return []
