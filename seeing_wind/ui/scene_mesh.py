@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import bmesh
 import bpy
 import numpy as np
 
@@ -15,6 +16,9 @@ COPY_OF = "seeing_wind_copy_of"
 
 THINNEST = 1e-6
 """Smallest scale of an object relative to its largest: under it no keyframes in its own space could move it in the world."""
+
+JOINED = 1e-6
+"""Vertices nearer to each other than this part of the mesh's size are one: its single precision."""
 
 FLATTEST = 1e-6
 """Smallest area of a mesh relative to its length squared: in single precision points on one line span up to a tenth of it."""
@@ -70,6 +74,19 @@ def solid_arrays(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> tuple
     if not area > FLATTEST * np.ptp(corners, axis=(0, 1)).max() ** 2:
         raise UsageError(f"{name_of(obj)} has no area: all its faces are lines or points.", "Check the mesh and its scale.")
     return vertices, triangles
+
+
+def has_inside(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> bool:
+    """Whether the faces of an object as displayed close it, all of them turned the same way; vertices at one place count as joined."""
+    evaluated, body = obj.evaluated_get(depsgraph), bmesh.new()
+    try:
+        body.from_mesh(evaluated.to_mesh())
+        corners = np.array([vertex.co for vertex in body.verts])
+        bmesh.ops.remove_doubles(body, verts=body.verts, dist=JOINED * float(np.ptp(corners, axis=0).max()))
+        return len(body.faces) > 0 and all(edge.is_contiguous for edge in body.edges if edge.link_faces)
+    finally:
+        body.free()
+        evaluated.to_mesh_clear()
 
 
 def pinned_vertices(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph, group: str) -> tuple[np.ndarray, np.ndarray]:

@@ -49,13 +49,6 @@ def is_closed(triangles: np.ndarray) -> bool:
     return len(np.unique(forward)) == len(forward) and bool(np.array_equal(np.sort(forward), np.sort(backward)))
 
 
-def encloses(vertices: np.ndarray, triangles: np.ndarray) -> bool:
-    """Whether triangles (M, 3) on vertices (V, 3), those at one place joined and faces without corners left out, are closed."""
-    solid = weld(vertices, triangles)
-    solid = solid[(solid != np.roll(solid, 1, axis=1)).all(axis=1)]
-    return len(solid) > 0 and is_closed(solid)
-
-
 def winding_numbers(vertices: np.ndarray, triangles: np.ndarray, axes: list[np.ndarray]) -> np.ndarray:
     """Winding number (A, B, C) int of a closed surface about lattice points, by signed crossings of the lines along Z.
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...conventions import FARTHEST
 from ...errors import UsageError
-from .closed_mesh import encloses, signed_volume, triangle_areas
+from .closed_mesh import is_closed, signed_volume, triangle_areas, weld
 from .conditions import SEPARATE, SLIP, STICKY
 
 KINDS = {"sticky": STICKY, "slip": SLIP, "separate": SEPARATE}
@@ -51,7 +51,9 @@ class MeshCollider:
             )
         path = None if self.path is None else _checked_path(self.path, len(vertices))
         vertices = vertices.astype(np.float64) if path is None else path[0]
-        if not encloses(vertices, faces):
+        solid = weld(vertices, faces)
+        solid = solid[(solid != np.roll(solid, 1, axis=1)).all(axis=1)]
+        if not len(solid) or not is_closed(solid):
             raise UsageError(
                 "A collider's mesh is open or its faces do not all look the same way.",
                 "Close its holes and recalculate its normals (Mesh > Normals > Recalculate Outside), or use a plane (in the panel: Floor).",

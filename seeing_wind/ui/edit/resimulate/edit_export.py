@@ -11,7 +11,6 @@ import numpy as np
 
 from ....engine.conventions import GRAVITY
 from ....engine.errors import TakeError, UsageError
-from ....engine.mpm.lattice.closed_mesh import encloses
 from ....engine.record_arrays import from_arrays
 from ....engine.records import Attachment
 from ....engine.take import Take
@@ -20,7 +19,7 @@ from ...bake.at_rest import as_shown, at_rest
 from ...job.take_reading import FieldSummary, field_summary
 from ...job.takes import own
 from ...option_properties import single
-from ...scene_mesh import mesh_arrays, name_of, pinned_vertices, solid_arrays
+from ...scene_mesh import has_inside, mesh_arrays, name_of, pinned_vertices, solid_arrays
 from ...scene_units import metres_per_unit
 from .edit_files import export_mesh, export_pins, write_array, write_edit, write_pins
 from .field_place import said_of_field, standing
@@ -83,8 +82,9 @@ def refuse_unfit(objects: Sequence[bpy.types.Object], scene: bpy.types.Scene, co
     try:
         for obj in objects:
             with as_shown(seen_in_place_of(obj, scene), scene) if collide else at_rest(obj, scene) as still:
-                vertices, triangles = solid_arrays(still, bpy.context.evaluated_depsgraph_get())
-            if collide and not encloses(vertices, triangles):
+                solid_arrays(still, bpy.context.evaluated_depsgraph_get())
+                closed = not collide or has_inside(still, bpy.context.evaluated_depsgraph_get())
+            if not closed:
                 raise UsageError(
                     f"{obj.name} is open, or its faces do not all look the same way: it has no inside that is in the way.",
                     "Close its holes, recalculate its normals (Mesh > Normals > Recalculate Outside), or give a sheet a thickness "
