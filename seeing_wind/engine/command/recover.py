@@ -121,6 +121,8 @@ def _check_views(arguments: argparse.Namespace, progress: Progress) -> None:
     """Refuse further views that are not there, or not of the clip's frames."""
     from ..observe.clip.frames import count_frames, require_clip
 
+    if not arguments.view:
+        return
     for clip, *files in arguments.view:
         require_clip(clip)
         if Path(clip).resolve() == Path(arguments.clip).resolve():
@@ -128,8 +130,6 @@ def _check_views(arguments: argparse.Namespace, progress: Progress) -> None:
         for name in files:
             if not Path(name).is_file():
                 raise UsageError(f"--view names {name}, which is no file.", "Give each further view a clip, a camera and a mask.")
-    if not arguments.view:
-        return
     clips = (arguments.clip, *(view[0] for view in arguments.view))
     try:
         counts = {clip: count_frames(clip, arguments.frames, progress) for clip in clips}
