@@ -29,8 +29,8 @@ from ..edit.resimulate.request import EditRequest
 from ..job import takes
 from ..job.take_reading import field_summary, read_seen
 from ..scene_units import metres_per_unit
-from .display import STRIDE, frames_per_second, is_field
-from .node_groups import FRAMES_PER_CLIP_FRAME, modifier_input, set_input
+from .display import LOOP, STRIDE, blows_from_to, frames_per_second, is_field
+from .node_groups import FIRST_FRAME, FRAMES_PER_CLIP_FRAME, modifier_input, set_input
 from .samples import samples_of
 
 
@@ -80,11 +80,44 @@ def set_stride(field: bpy.types.Object, stride: float) -> None:
     if STRIDE not in field:
         raise UsageError(f"{field.name} was made by an earlier version.", "Press Reload in the Recover panel first.")
     field[STRIDE] = stride
+    _tell(field, FRAMES_PER_CLIP_FRAME, stride)
+
+
+def begin_at(field: bpy.types.Object, frame: int) -> None:
+    """Let a field object, its values and its arrows begin at a scene frame. Raises UsageError for one of another file."""
+    if field.library is not None or field.override_library is not None:
+        raise UsageError(f"{field.name} is linked from another file.", "Let it begin at another frame there, or append it here.")
+    field["seeing_wind_frame_start"] = frame
+    _tell(field, FIRST_FRAME, frame)
+
+
+def begin_with_scene(scene: bpy.types.Scene, field: bpy.types.Object) -> str:
+    """Let a wind that came from another file begin with the scene, if it is over before the scene begins, or begins after its end.
+
+    One that loops is never over. Returns what was changed, in words; "" where nothing was.
+
+    Raises:
+        UsageError: when it is linked.
+    """
+    first, last = blows_from_to(field)
+    over = not field[LOOP] and last <= scene.frame_start
+    if not over and first < scene.frame_end:
+        return ""
+    when = f"It blew from frame {first} to {last}, and the scene lasts from {scene.frame_start} to {scene.frame_end}"
+    try:
+        begin_at(field, scene.frame_start)
+    except UsageError as error:
+        raise UsageError(f"{error.message} {when}.", error.hint) from error
+    return f"{field.name} begins with the scene now, at frame {scene.frame_start}. {when}"
+
+
+def _tell(field: bpy.types.Object, name: str, value: float) -> None:
+    """Put a number into that input of all that a field object shows itself by."""
     field.update_tag()
     for obj in (samples_of(field), *field.children):
         for modifier in obj.modifiers if obj is not None and obj.library is None else ():
-            if modifier.type == "NODES" and modifier_input(modifier, FRAMES_PER_CLIP_FRAME) is not None:
-                set_input(modifier, FRAMES_PER_CLIP_FRAME, stride)
+            if modifier.type == "NODES" and modifier_input(modifier, name) is not None:
+                set_input(modifier, name, value)
 
 
 def _poses(scene: bpy.types.Scene) -> np.ndarray | None:

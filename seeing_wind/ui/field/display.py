@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import math
 from typing import Any
 
 from ...engine.conventions import beaufort, in_figures
@@ -77,6 +78,12 @@ def frames_per_second(scene: Any) -> float:
 def stride_of(field: Any) -> float:
     """Scene frames that a clip frame of a field lasts."""
     return field[STRIDE]
+
+
+def blows_from_to(field: Any) -> tuple[int, int]:
+    """Scene frames at which a field's first clip frame begins and its last one ends, the first round of one that loops."""
+    first = int(field["seeing_wind_frame_start"])
+    return first, first + math.ceil(stride_of(field) * field["seeing_wind_frames"] - 1e-6)
 
 
 def said_of_speed(field: Any, scene: Any) -> str:

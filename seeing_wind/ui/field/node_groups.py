@@ -108,8 +108,8 @@ class GroupBuilder:
         return self.tree
 
 
-FRAMES_PER_CLIP_FRAME = "Frames per Clip Frame"
-"""Name of the input of `points_of_current_frame`."""
+FIRST_FRAME, FRAMES_PER_CLIP_FRAME = "First Frame", "Frames per Clip Frame"
+"""Names of the inputs of `points_of_current_frame`."""
 
 
 def points_of_current_frame(
@@ -124,7 +124,7 @@ def points_of_current_frame(
         delay: 1 for what solvers feel: they step *to* a frame, so there stands what acts in the middle of the step before; else 0.
         field: the field object that says whether it goes round; None: it does not.
     """
-    first = group.parameter("First Frame", "Int", frame_start, "Scene frame of the clip's first frame")
+    first = group.parameter(FIRST_FRAME, "Int", frame_start, "Scene frame of the clip's first frame")
     now = group.node("GeometryNodeInputSceneTime").outputs["Frame"]
     lasts = group.parameter(FRAMES_PER_CLIP_FRAME, "Float", 1.0, "Scene frames that a clip frame lasts", minimum=1e-3)
     if delay:

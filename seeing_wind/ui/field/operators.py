@@ -14,7 +14,6 @@ from ..job.install.environment import engine_python
 from ..job.panel_words import in_panel_words
 from ..job.worker_command import command, environment
 from ..property_kinds import PATH
-from ..scene_units import metres_per_unit
 from ..user_paths import absolute
 from .display import field_at_hand, frames_per_second, is_field, is_wind, openvdb_available, out_of_time, said_of_fit, said_of_pace
 from .library.copies import mend
@@ -52,17 +51,6 @@ def chosen_field(context: bpy.types.Context, name: str) -> bpy.types.Object:
     if not fields:
         raise UsageError("There is no recovered field.", "Run Recover first, load the results of a take, or append a field.")
     return fields[0]
-
-
-def faded(scene: bpy.types.Scene, field: bpy.types.Object) -> list[str]:
-    """The option of `export` with which other programs get a field that fades as solvers feel it here, as the VDB files have it; of one
-    that does not fade, which is whole in its box, none."""
-    import numpy as np  # not above, see CONTRIBUTING.md
-
-    from .texture.reach import FADE, reach_of
-
-    reach = reach_of(field["seeing_wind_reach"], np.array([vertex.co[:] for vertex in field.data.vertices]))
-    return ["--fade", f"{reach.width * metres_per_unit(scene):.9g}"] if reach.kind == FADE else []
 
 
 def matter_of(given: Any) -> dict[str, Any]:
@@ -253,20 +241,26 @@ class SEEING_WIND_OT_export_field(DirectOperator, bpy.types.Operator):
 
     def act(self, context):
         """VDB in Blender, the rest by the engine."""
-        scene, field = context.scene, chosen_field(context, self.field)
-        take, name = self._take(scene, field), self.format.lower()
-        target = Path(absolute(self.filepath)) if self.filepath else take.with_name(f"{take.stem}_wind")
-        if self.format == "VDB":
-            from .vdb import write_vdb  # needs NumPy
+        from .vdb import faded, frames_of, said_of_clip_frames, said_of_frames, write_vdb  # need NumPy
 
+        scene, field = context.scene, chosen_field(context, self.field)
+        frames = frames_of(scene, field, loops=self.format == "VDB")
+        if self.format != "VDB" and field == scene.seeing_wind.field_object and takes.shows_lone(scene.seeing_wind):
+            from ..edit.resimulate.lone_wind import adopt  # needs NumPy
+
+            adopt(scene, field)  # again: the scene may last longer by now
+            frames = range(scene.seeing_wind.frame_start + 1, scene.frame_end + 1)
+        take, name = self._take(scene, field), self.format.lower()
+        target = Path(absolute(self.filepath)) if self.filepath else take.with_name(_beside(take))
+        if self.format == "VDB":
             files = write_vdb(scene, field, target)
-            return f"Wrote {len(files)} files into {target}"
+            return f"Wrote {len(files)} files into {target}, for {said_of_frames(scene, frames)}"
         if self.format == "NPZ" and target.name:  # as the engine completes it
             target = target.with_name(f"{target.name.removesuffix('.npz')}.npz")
         os.makedirs(target.parent, exist_ok=True)
         call = command(engine_python(), "export", str(take), "--format", name, "--out", str(target), *faded(scene, field))
         self._run(worker.run(call, cwd=str(take), env=environment()))
-        return f"Exported {name.upper()} to {target}"
+        return f"Exported {name.upper()} to {target}, for {said_of_clip_frames(scene, field, frames)}"
 
     def _take(self, scene, field):
         """The folder of a field's take; for a VDB, which is written from the values that the field carries, it need not be there."""
@@ -296,6 +290,11 @@ class SEEING_WIND_OT_export_field(DirectOperator, bpy.types.Operator):
         if worker.wait(messages, handle)["outcome"] != "done":
             last = errors[-1] if errors else {"message": "The export failed.", "hint": ""}
             raise SeeingWindError(*(in_panel_words(str(last.get(key, ""))) for key in ("message", "hint")))
+
+
+def _beside(take: Path) -> str:
+    """What an export is called beside its take, whose name may speak of the wind already."""
+    return f"{take.stem}_field" if "wind" in take.stem.lower() else f"{take.stem}_wind"
 
 
 CLASSES = (

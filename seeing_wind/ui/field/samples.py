@@ -11,7 +11,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from .display import CARRIED, SAMPLES_MARK, home_of
+from .display import CARRIED, LOOP, SAMPLES_MARK, home_of, stride_of
 from .lattice import SampledField
 from .node_groups import GroupBuilder, points_of_current_frame, set_up_modifier
 from .texture.reach import CONTINUE, FADE, Reach, left_near
@@ -97,6 +97,12 @@ def read_samples(samples: bpy.types.Object) -> SampledField:
     vectors = {name: flat[name].reshape(-1, size, 3).astype(np.float64) for name in flat if name != "co"}
     sure, distance = (_read(mesh, name).reshape(-1, size) if name in mesh.attributes else None for name in (SURE, DISTANCE))
     return SampledField(places, vectors[FORCE], sure, vectors.get(VELOCITY), distance)
+
+
+def rows_at(field: bpy.types.Object, times: np.ndarray, count: int) -> np.ndarray:
+    """Which of a field object's `count` clip frames act at times (T,) between scene frames, as its solvers' clock has it: (T,) int."""
+    rows = np.floor((times - field["seeing_wind_frame_start"]) / stride_of(field) + 1e-4).astype(np.int64)
+    return rows % count if field[LOOP] else np.clip(rows, 0, count - 1)
 
 
 def _read(mesh: bpy.types.Mesh, name: str) -> np.ndarray:

@@ -1,4 +1,7 @@
-"""The field as OpenVDB files, one per frame, written by the OpenVDB that comes with Blender (the `bpy` wheels have none)."""
+"""The field as OpenVDB files, one per frame, written by the OpenVDB that comes with Blender (the `bpy` wheels have none).
+
+Also what is told of any export: in which frames of the scene it blows, and how it fades.
+"""
 
 from __future__ import annotations
 
@@ -14,10 +17,10 @@ from ...engine.conventions import in_units
 from ...engine.errors import TakeError, UsageError
 from ...engine.take import Take
 from ..scene_units import metres_per_unit
-from .display import openvdb_available, share
+from .display import LOOP, blows_from_to, openvdb_available, share, stride_of
 from .field_object import SOLVER_DELAY
-from .samples import read_samples, samples_of
-from .texture.reach import reach_of
+from .samples import read_samples, rows_at, samples_of
+from .texture.reach import FADE, reach_of
 
 UNITS = {"force": "N/m3", "velocity": "m/s", "confidence": "1"}
 """The grids, and what their metadata call their unit. Blender blurs volumes by a grid of the name `velocity`."""
@@ -28,7 +31,7 @@ FLAT = 1e-6
 
 
 def write_vdb(scene: bpy.types.Scene, field: bpy.types.Object, folder: Path) -> list[Path]:
-    """Write `wind_0002.vdb` and so on, one per scene frame in which solvers feel the field, as the field object now stands and blows.
+    """Write `wind_0002.vdb` and so on, one per scene frame in `frames_of`, as the field object now stands and blows.
 
     A volume object that shows frame N in scene frame N is then in step with them. The values are the engine's own at its lattice.
     Cells are in scene units, values in N/m³ and, where the field has a wind, m/s, with the field object's strength and reach applied;
@@ -62,8 +65,8 @@ def write_vdb(scene: bpy.types.Scene, field: bpy.types.Object, folder: Path) -> 
     # OpenVDB multiplies rows from the left
     transform = openvdb.createLinearTransform(matrix.T.tolist())
     folder.mkdir(parents=True, exist_ok=True)
-    written = []
-    for t in range(len(force)):
+    written, frames = [], frames_of(scene, field)
+    for frame, t in zip(frames, rows_at(field, np.array(frames) - 0.5 * SOLVER_DELAY, len(force)), strict=True):
         grids: list[tuple[Any, np.ndarray]] = []
         for name, rows in known.items():
             if rows is None:
@@ -78,8 +81,40 @@ def write_vdb(scene: bpy.types.Scene, field: bpy.types.Object, folder: Path) -> 
             grid.name, grid.transform, grid.gridClass = name, transform, openvdb.GridClass.FOG_VOLUME
             grid["unit"] = UNITS[name]
             grids.append((grid, values))
-        written.append(write_file(folder / f"wind_{field['seeing_wind_frame_start'] + SOLVER_DELAY + t:04}.vdb", grids, openvdb))
+        written.append(write_file(folder / f"wind_{frame:04}.vdb", grids, openvdb))
     return written
+
+
+def frames_of(scene: bpy.types.Scene, field: bpy.types.Object, loops: bool = True) -> range:
+    """The scene frames in which solvers feel a field: those of its clip, however long each lasts; of one that loops, to the scene's end.
+
+    Args:
+        loops: False: the first round only.
+    """
+    first, last = blows_from_to(field)
+    if loops and field[LOOP] and max(first, scene.frame_start) < scene.frame_end:
+        first, last = max(first, scene.frame_start), scene.frame_end
+    return range(first + SOLVER_DELAY, last + SOLVER_DELAY)
+
+
+def said_of_frames(scene: bpy.types.Scene, frames: range) -> str:
+    """For which frames of the scene files are, in words; that it plays none of them, too."""
+    none = frames[-1] < scene.frame_start or frames[0] > scene.frame_end
+    beside = f", none of which the scene plays: it lasts from {scene.frame_start} to {scene.frame_end}"
+    return f"frames {frames[0]} to {frames[-1]}" + beside * none
+
+
+def said_of_clip_frames(scene: bpy.types.Scene, field: bpy.types.Object, frames: range) -> str:
+    """The same for files that have a field's own frames, and how long each of these lasts."""
+    lasts = stride_of(field)
+    return said_of_frames(scene, frames) + (f"; each of its own lasts {lasts:.4g} of these" if lasts != 1.0 else "")
+
+
+def faded(scene: bpy.types.Scene, field: bpy.types.Object) -> list[str]:
+    """The option of `export` with which other programs get a field that fades as solvers feel it here, as the VDB files have it; of one
+    that does not fade, which is whole in its box, none."""
+    reach = reach_of(field["seeing_wind_reach"], np.array([vertex.co[:] for vertex in field.data.vertices]))
+    return ["--fade", f"{reach.width * metres_per_unit(scene):.9g}"] if reach.kind == FADE else []
 
 
 def write_file(path: Path, grids: Sequence[tuple[Any, np.ndarray]], vdb: Any) -> Path:

@@ -11,10 +11,10 @@ import bpy
 
 from ..composite.own import drop_unused
 from ..field.display import LOOP
-from ..field.node_groups import FRAMES_PER_CLIP_FRAME, get_input, modifier_input, set_input
+from ..field.node_groups import FIRST_FRAME, FRAMES_PER_CLIP_FRAME, get_input, modifier_input, set_input
 from ..field.texture.tree import parts_of, remove_texture
 
-OF_RESULTS = ("First Frame", "Length", FRAMES_PER_CLIP_FRAME)
+OF_RESULTS = (FIRST_FRAME, "Length", FRAMES_PER_CLIP_FRAME)
 """Inputs of our modifiers that follow from the results; the others (density, slice, confidence shown) are the user's."""
 
 

@@ -13,7 +13,9 @@ import pytest
 
 from seeing_wind.ui.edit.resimulate.lone_wind import lone_wind
 from seeing_wind.ui.field.field_object import make_again
-from seeing_wind.ui.field.samples import samples_of
+from seeing_wind.ui.field.node_groups import FIRST_FRAME, get_input
+from seeing_wind.ui.field.samples import rows_at, samples_of
+from seeing_wind.ui.field.vdb import frames_of, said_of_frames
 from tests.ui.edit.edits import state
 from tests.ui.jobs import notes_of
 from tests.ui.meshes import cube, shown
@@ -103,9 +105,69 @@ def test_it_goes_on_with_the_scene_and_loops(field):
     bpy.ops.seeing_wind.resimulate()
     metadata, arrays = opened(Path(scene.seeing_wind.recovered_take) / "field.safetensors")
     assert float(metadata["fps"]) == 24.0 and arrays["row"].tolist() == [0, 1, 2, 3, 4, 5, 0, 1, 2, 3]
-    scene.frame_end = 4
-    with pytest.raises(RuntimeError, match="begins at frame 5"):
+    scene.frame_start = 8  # in the middle of the second of its frames, which last two of the scene's
+    bpy.ops.seeing_wind.resimulate()
+    rows = opened(Path(scene.seeing_wind.recovered_take) / "field.safetensors")[1]["row"]
+    assert rows.tolist() == [2, 3, 4, 5, 0, 1, 2, 3, 4] and scene.seeing_wind.frame_start == 8, "the bodies begin with the scene"
+    scene.frame_start = scene.frame_end = 20
+    with pytest.raises(RuntimeError, match="from frame 20 on, and the scene ends at 20"):
         bpy.ops.seeing_wind.resimulate()
+
+
+@pytest.mark.parametrize(("first", "last"), [(1001, 1014), (1, 5)])
+def test_a_wind_that_would_not_blow_in_the_scene_begins_with_it(field, first, last):
+    """It blew in frames 5 to 11 of the file that it comes from."""
+    scene = bpy.context.scene
+    scene.frame_start, scene.frame_end = first, last
+    box = cube("Box", (0.3, 0.0, 0.6))
+    bpy.ops.seeing_wind.insert_mesh(object="Box")
+    bpy.ops.seeing_wind.resimulate()
+    arrays = opened(Path(scene.seeing_wind.recovered_take) / "field.safetensors")[1]
+    assert arrays["row"].tolist() == [*range(6), *[5] * 7][: last - first] and scene.seeing_wind.frame_start == first
+    begins = f"Wind begins with the scene now, at frame {first}. It blew from frame 5 to 11, and the scene lasts from {first} to {last}"
+    assert begins in notes_of(scene, "resimulate")
+    modifier = next(each for each in samples_of(field).modifiers if get_input(each, FIRST_FRAME) is not None)
+    assert field["seeing_wind_frame_start"] == get_input(modifier, FIRST_FRAME) == first, "solvers feel it there, too"
+    bpy.ops.seeing_wind.bake()
+    assert np.abs(shown(box, first + 4) - shown(box, first)).max() > 0.001
+    bpy.ops.seeing_wind.resimulate()
+    assert not [note for note in notes_of(scene, "resimulate") if "begins with" in note], "said once"
+
+
+def test_a_linked_wind_that_does_not_blow_in_the_scene_is_refused(scene, checks, stand_in, tmp_path):
+    checks["swirl_field"](scene)
+    bpy.data.libraries.write(str(tmp_path / "wind.blend"), {bpy.data.objects["Wind"]})
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    with bpy.data.libraries.load(str(tmp_path / "wind.blend"), link=True) as (_, into):
+        into.objects = ["Wind"]
+    scene = bpy.context.scene
+    scene.collection.objects.link(into.objects[0])
+    scene.frame_start, scene.frame_end = 1001, 1014
+    cube("Box")
+    bpy.ops.seeing_wind.insert_mesh(object="Box")
+    with pytest.raises(RuntimeError, match="linked from another file. It blew from frame 5 to 11, and the scene lasts from 1001 to 1014"):
+        bpy.ops.seeing_wind.resimulate()
+
+
+def test_files_for_other_programs_are_for_the_frames_that_the_scene_plays(field, tmp_path, capfd):
+    scene = bpy.context.scene
+    scene.frame_start, scene.frame_end = 1001, 1014
+    assert [list(frames_of(scene, field)), field["seeing_wind_frame_start"]] == [[*range(6, 12)], 5]
+    assert said_of_frames(scene, frames_of(scene, field)) == "frames 6 to 11, none of which the scene plays: it lasts from 1001 to 1014"
+    cube("Box")
+    bpy.ops.seeing_wind.insert_mesh(object="Box")
+    bpy.ops.seeing_wind.resimulate()
+    assert said_of_frames(scene, frames_of(scene, field)) == "frames 1002 to 1007"
+    scene.frame_end = 1020
+    assert bpy.ops.seeing_wind.export_field(format="FGA") == {"FINISHED"}
+    assert f"Exported FGA to {tmp_path / 'Wind.Scene_field'}, for frames 1002 to 1020" in capfd.readouterr().out
+    assert opened(Path(scene.seeing_wind.recovered_take) / "field.safetensors")[0]["frames"] == "19", "it is made anew"
+    bpy.ops.seeing_wind.conform(field=field.name, real_time=True)
+    assert list(frames_of(scene, field)) == [*range(1002, 1014)], "each of its frames lasts two"
+    assert rows_at(field, np.arange(1002, 1014) - 0.5, 6).tolist() == [0, 0, 1, 1, 2, 2, 3, 3, 4, 4, 5, 5]
+    field["seeing_wind_loop"], scene.frame_start = True, 1011
+    assert list(frames_of(scene, field)) == [*range(1012, 1021)]
+    assert rows_at(field, np.arange(1012, 1021) - 0.5, 6).tolist() == [5, 5, 0, 0, 1, 1, 2, 2, 3]
 
 
 def test_of_several_winds_it_is_the_selected_one(field):

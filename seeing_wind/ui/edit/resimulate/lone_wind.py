@@ -10,8 +10,9 @@ import numpy as np
 
 from ....engine.errors import UsageError
 from ....engine.take import Take, stamp_of
-from ...field.display import KIND, LOOP, field_at_hand, frames_per_second, is_field, stride_of
-from ...field.samples import read_samples, samples_of
+from ...field.conform import begin_with_scene
+from ...field.display import KIND, field_at_hand, frames_per_second, is_field, stride_of
+from ...field.samples import read_samples, rows_at, samples_of
 from ...field.texture.reach import reach_of
 from ...job import takes
 from ...scene_units import metres_per_unit
@@ -46,24 +47,27 @@ def lone_wind(scene: bpy.types.Scene) -> bpy.types.Object | None:
     return there[0] if there else None
 
 
-def adopt(scene: bpy.types.Scene, field: bpy.types.Object) -> None:
-    """Let the scene show a take of what a field object carries, over the scene's frames from the field's first.
+def adopt(scene: bpy.types.Scene, field: bpy.types.Object) -> list[str]:
+    """Let the scene show a take of what a field object carries, over the scene's frames, from the field's first where that comes later.
+
+    In each frame that is what solvers feel there. Returns what the user should know: a wind that would not have blown in the scene
+    begins with it.
 
     Raises:
-        UsageError: when its values are gone, or the scene ends before it begins.
+        UsageError: when its values are gone, it is linked and does not blow in the scene, or the scene has no or too many frames.
     """
     settings, samples = scene.seeing_wind, samples_of(field)
     if samples is None:
         raise UsageError(f"The values under {field.name} are gone.", "Append or add it again.")
-    first, stride = int(field["seeing_wind_frame_start"]), stride_of(field)
+    moved, stride = begin_with_scene(scene, field), stride_of(field)
+    first = max(int(field["seeing_wind_frame_start"]), scene.frame_start)
     count = math.ceil((scene.frame_end - first) / stride)
     if not 0 < count <= MOST:
-        begins = f"{field.name} begins at frame {first}, and the scene ends at {scene.frame_end}."
+        begins = f"{field.name} blows here from frame {first} on, and the scene ends at {scene.frame_end}."
         raise UsageError(begins, f"Let the scene last for 1 to {MOST} frames of the wind.")
     sampled, metres = read_samples(samples), metres_per_unit(scene)
     counts, frames, fps = sampled.counts, len(sampled.force), frames_per_second(scene) / stride
-    t = np.arange(count)
-    rows = t % frames if field[LOOP] else np.minimum(t, frames - 1)
+    rows = rows_at(field, first + stride * (np.arange(count) + 0.5), frames)
     box = sampled.box * metres
     left = sampled.left(reach_of(field["seeing_wind_reach"], sampled.box))[..., None]
     fields = {"field.safetensors": ("force", sampled.force * left)}
@@ -85,6 +89,7 @@ def adopt(scene: bpy.types.Scene, field: bpy.types.Object) -> None:
         take.finish("recover", stamp, {})
     takes.show(settings, take.path, takes.NOT_RECOVERED)
     settings.field_object, settings.frame_start, settings.real_time = field, first, True
+    return [moved] if moved else []
 
 
 def _field_file(kind: str, values: np.ndarray, rows: np.ndarray, box: np.ndarray, fps: float) -> bytes:

@@ -28,8 +28,7 @@ class Simulation(JobOperator):
         settings, python = scene.seeing_wind, engine_python()
         mend(scene)
         alone = lone_wind(scene)
-        if alone is not None:
-            adopt(scene, alone)
+        moved = adopt(scene, alone) if alone is not None else []
         source = takes.recovered(settings)
         request = EditRequest.of(scene)
         digest = self.digest_of(scene, request.digest())
@@ -40,7 +39,8 @@ class Simulation(JobOperator):
         )
         for body, asked in zip(settings.bodies, request.bodies, strict=True):
             body.result = asked.result
-        edit, self.remarks = export_edit(request, scene, source, self.folder, preview=self.coarse)
+        edit, remarks = export_edit(request, scene, source, self.folder, preview=self.coarse)
+        self.remarks = moved + remarks
         self.digest = digest
         self.simulated = [(body.object.session_uid, body.called) for body in request.bodies if body.object is not None]
         self.of_edit, self.names = settings.edit_folder, {_who(body): body.result for body in settings.bodies}

@@ -14,7 +14,6 @@ import bpy
 
 from ....engine.errors import UsageError
 from ..display import frames_per_second
-from ..node_groups import modifier_input, set_input
 
 SHELF = Path(__file__).with_name("winds")
 BLEND, CATALOGS, INDEX = "winds.blend", "blender_assets.cats.txt", "winds.json"
@@ -51,8 +50,7 @@ def take_down(scene: bpy.types.Scene, collection: bpy.types.Collection, shelf: P
     Raises:
         UsageError: when the shelf has no such wind.
     """
-    from ..conform import set_stride  # needs NumPy
-    from ..samples import samples_of
+    from ..conform import begin_at, set_stride  # need NumPy, as do these
     from .arrows import show_arrows
 
     path = shelf / BLEND
@@ -65,10 +63,7 @@ def take_down(scene: bpy.types.Scene, collection: bpy.types.Collection, shelf: P
     field = wanted.objects[0]
     field.asset_clear()
     collection.objects.link(field)
-    field["seeing_wind_frame_start"] = scene.frame_start
-    for modifier in samples_of(field).modifiers:
-        if modifier_input(modifier, "First Frame") is not None:
-            set_input(modifier, "First Frame", scene.frame_start)
+    begin_at(field, scene.frame_start)
     show_arrows(scene, field)
     set_stride(field, frames_per_second(scene) / field["seeing_wind_fps"])
     return field
