@@ -89,6 +89,36 @@ def has_inside(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> bool:
         evaluated.to_mesh_clear()
 
 
+def refuse_no_sheet(obj: bpy.types.Object, vertices: np.ndarray, triangles: np.ndarray) -> None:
+    """Refuse an open mesh that cannot be simulated as a sheet; one without a border is simulated as a solid, and may be as it is.
+
+    Args:
+        vertices, triangles: of the object, as of `mesh_arrays`; vertices at one place count as joined.
+
+    Raises:
+        UsageError: for vertices of no face, and edges of more than two.
+    """
+    grid = JOINED * float(np.ptp(vertices, axis=0).max())
+    joined = np.unique(np.round(vertices / grid), axis=0, return_inverse=True)[1].ravel()
+    faces = joined[triangles]
+    edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+    count = np.unique(edges[edges[:, 0] != edges[:, 1]], axis=0, return_counts=True)[1]
+    if not (count == 1).any():
+        return
+    loose, branching = int(joined.max()) + 1 - len(np.unique(faces)), int((count > 2).sum())
+    if loose:
+        raise UsageError(
+            f"{name_of(obj)} has {loose} loose {'vertex' if loose == 1 else 'vertices'}, of no face, and cannot be a sheet.",
+            "Delete them in Edit Mode (Mesh > Clean Up > Delete Loose).",
+        )
+    if branching:
+        raise UsageError(
+            f"{name_of(obj)} has {branching} {'edge' if branching == 1 else 'edges'} with three faces or more, and cannot be a sheet.",
+            "If faces are doubled, use Mesh > Merge > By Distance in Edit Mode; else separate what branches there (Select > All by Trait > "
+            "Non Manifold shows it), or give the mesh a thickness (Solidify modifier).",
+        )
+
+
 def pinned_vertices(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph, group: str) -> tuple[np.ndarray, np.ndarray]:
     """Indices (n,) int64 of the evaluated mesh's vertices in a vertex group, and their weights (n,) in 0..1; those of weight 0 left out.
 

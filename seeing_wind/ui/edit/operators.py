@@ -6,6 +6,7 @@ import bpy
 from bpy.props import BoolProperty, EnumProperty, StringProperty
 
 from ...engine.errors import UsageError
+from ...engine.materials import SHEETS
 from ...engine.settings import BodyEdit, ColliderEdit, options_of
 from ..bake.plan import leave, take_back
 from ..direct_operator import DirectOperator
@@ -51,13 +52,13 @@ class SEEING_WIND_OT_insert_mesh(DirectOperator, bpy.types.Operator):
         new = [obj for obj in meshes if obj not in taken]
         if not new:
             raise UsageError("These meshes are in the list already.", "Select others, or change them in the list.")
-        self._refuse_unfit([obj for obj in new if obj is not None], context.scene)
-        dressed: list[str] = []
+        material, dressed = settings.material if self.material == "SAME" else self.material, []
+        self._refuse_unfit([obj for obj in new if obj is not None], context.scene, material in SHEETS)
         for obj in new:
             body = settings.bodies.add()
             body.name, body.is_recovered, body.object = (obj.name if obj else "Recovered Object"), obj is None, obj
             take_back(body, obj or settings.recovered_object, context.scene)
-            body.material = settings.material if self.material == "SAME" else self.material
+            body.material = material
             body.pin_group = self.pin_group
             for one in panel_options(BodyEdit):
                 if one.name != "material" and self.properties.is_property_set(one.identifier):
@@ -68,13 +69,13 @@ class SEEING_WIND_OT_insert_mesh(DirectOperator, bpy.types.Operator):
         said = f"; {', '.join(dressed)} had no material and looks like thin cloth now" if dressed else ""
         return f"Inserted {', '.join(body.name for body in settings.bodies[-len(new) :])}{said}"
 
-    def _refuse_unfit(self, meshes: list, scene) -> None:
+    def _refuse_unfit(self, meshes: list, scene, sheet: bool) -> None:
         """What Re-simulate could not write; what was imported for it is not left behind."""
         from ..bake.at_rest import discard  # needs NumPy, as does the other
         from .resimulate.edit_export import refuse_unfit
 
         try:
-            refuse_unfit(meshes, scene)
+            refuse_unfit(meshes, scene, sheet=sheet)
         except UsageError:
             for obj in meshes if self.filepath else ():
                 discard(obj)

@@ -116,3 +116,45 @@ def test_a_body_deleted_during_the_run_does_not_take_the_recovered_object_s_resu
     assert step_until_over(operator, window) == {"FINISHED"}
     assert [body.result for body in scene.seeing_wind.bodies] == ["", "Recovered Object"]
     assert bpy.ops.seeing_wind.bake() == {"FINISHED"}
+
+
+def sheet(name: str, vertices: list[tuple[float, float, float]], faces: list[tuple[int, ...]]) -> bpy.types.Object:
+    """A mesh of these faces."""
+    mesh = bpy.data.meshes.new(name)
+    mesh.from_pydata(vertices, [], faces)
+    made = bpy.data.objects.new(name, mesh)
+    bpy.context.scene.collection.objects.link(made)
+    return made
+
+
+SQUARE, CORNERS = [(0, 1, 2, 3)], [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 1.0, 0.0), (0.0, 1.0, 0.0)]
+UP, DOWN = [(0.0, 0.0, 1.0), (1.0, 0.0, 1.0)], [(0.0, 0.0, -1.0), (1.0, 0.0, -1.0)]
+
+
+@pytest.mark.parametrize(
+    ("vertices", "faces", "says"),
+    [
+        ([*CORNERS, *UP], SQUARE, "has 2 loose vertices.*Delete Loose"),
+        ([*CORNERS, *UP, *DOWN], [*SQUARE, (0, 1, 5, 4), (0, 1, 7, 6)], "has 1 edge with three faces.*By Distance"),
+        ([*CORNERS, *CORNERS, *CORNERS, *UP], [*SQUARE, (4, 5, 6, 7), (8, 9, 13, 12)], "has 2 edges with three faces"),
+    ],
+)  # fmt: skip
+def test_what_is_no_sheet_is_refused_when_it_is_inserted_as_one(workplace, scene, vertices, faces, says) -> None:
+    recover(workplace)
+    sheet("Sail", vertices, faces)
+    with pytest.raises(RuntimeError, match=f"Sail {says}"):
+        bpy.ops.seeing_wind.insert_mesh(object="Sail", material="cotton")
+    assert not len(scene.seeing_wind.bodies)
+    assert bpy.ops.seeing_wind.insert_mesh(object="Sail", material="rubber") == {"FINISHED"}, "a solid is filled all the same"
+
+
+def test_sheets_and_solids_are_taken_as_before(workplace, scene) -> None:
+    """Two sheets that meet in a point, one whose vertices repeat at a seam, and a cube with a loose vertex inside, which is a solid."""
+    recover(workplace)
+    sheet("Seam", [*CORNERS, *CORNERS, *UP], [*SQUARE, (4, 5, 9, 8)])
+    sheet("Bow", [*CORNERS, (2.0, 1.0, 0.0), (2.0, 2.0, 0.0), (1.0, 2.0, 0.0)], [*SQUARE, (2, 4, 5, 6)])
+    box = cube("Box")
+    box.data.vertices.add(1)
+    for name in ("Seam", "Bow", "Box"):
+        assert bpy.ops.seeing_wind.insert_mesh(object=name, material="cotton") == {"FINISHED"}
+    assert len(scene.seeing_wind.bodies) == 3

@@ -19,7 +19,7 @@ from ...bake.at_rest import as_shown, at_rest
 from ...job.take_reading import FieldSummary, field_summary
 from ...job.takes import own
 from ...option_properties import single
-from ...scene_mesh import has_inside, mesh_arrays, name_of, pinned_vertices, solid_arrays
+from ...scene_mesh import has_inside, mesh_arrays, name_of, pinned_vertices, refuse_no_sheet, solid_arrays
 from ...scene_units import metres_per_unit
 from .edit_files import export_mesh, export_pins, write_array, write_edit, write_pins
 from .field_place import said_of_field, standing
@@ -69,9 +69,9 @@ def export_edit(
     return write_edit(folder, bodies, _gravity(request, source), colliders, own(scene.seeing_wind), **values), notes + said
 
 
-def refuse_unfit(objects: Sequence[bpy.types.Object], scene: bpy.types.Scene, collide: bool = False) -> None:
+def refuse_unfit(objects: Sequence[bpy.types.Object], scene: bpy.types.Scene, collide: bool = False, sheet: bool = False) -> None:
     """UsageError for the first of `objects` that Re-simulate could not write as a body: of no area, or with vertices nowhere; or, as what
-    bodies `collide` with, which needs an inside, too.
+    bodies `collide` with, which needs an inside, too; or, of a material that comes as a `sheet`, an open mesh that is none.
 
     As Re-simulate does, it looks at them in the clip's first frame; the scene goes there only where one of them may move.
     """
@@ -82,7 +82,7 @@ def refuse_unfit(objects: Sequence[bpy.types.Object], scene: bpy.types.Scene, co
     try:
         for obj in objects:
             with as_shown(seen_in_place_of(obj, scene), scene) if collide else at_rest(obj, scene) as still:
-                solid_arrays(still, bpy.context.evaluated_depsgraph_get())
+                arrays = solid_arrays(still, bpy.context.evaluated_depsgraph_get())
                 closed = not collide or has_inside(still, bpy.context.evaluated_depsgraph_get())
             if not closed:
                 raise UsageError(
@@ -90,6 +90,8 @@ def refuse_unfit(objects: Sequence[bpy.types.Object], scene: bpy.types.Scene, co
                     "Close its holes, recalculate its normals (Mesh > Normals > Recalculate Outside), or give a sheet a thickness "
                     "(Solidify modifier). For level ground use Floor.",
                 )
+            if sheet:
+                refuse_no_sheet(obj, *arrays)
     finally:
         if away:
             scene.frame_set(int(before // 1), subframe=before % 1.0)
