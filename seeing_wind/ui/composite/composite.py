@@ -91,7 +91,7 @@ class Composite:
 
 
 def set_up(
-    scene: bpy.types.Scene, *, plate: str = "AUTO", floor: bool = False, wall: bool = False, samples: int = 32, shutter: float = 0.5,
+    scene: bpy.types.Scene, *, plate: str = "AUTO", floor: bool = False, wall: bool = False, samples: int | None = 32, shutter: float = 0.5,
     grain: float = 1.0, soft: float = 1.0, fstop: float = 0.0, show_field: bool = False, use_cycles: bool = True, use_standard: bool = True,
 ) -> Composite:  # fmt: skip
     """Make a scene render its edit over the clip. May be called again after changes.
@@ -100,7 +100,7 @@ def set_up(
         scene: with the results of a recovery.
         plate: CLIP, PLATE, or AUTO: the plate when the clip's object is part of the edit.
         floor, wall: add a plane under, or behind, everything that catches shadows; obstacles of the edit always do.
-        samples: of Cycles, per pixel.
+        samples: of Cycles, per pixel; None leaves the scene's own.
         shutter: how long the camera's shutter was open [frames]: 0.5 is a shutter of 180 degrees; 0 renders no motion blur.
         grain, soft: factors on the clip's own noise and blur, which are measured.
         fstop: of the clip's lens, which is focused on its object; 0 leaves everything sharp.
@@ -116,7 +116,9 @@ def set_up(
     check_parts(scene, use_plate, fstop)
     take = take_of(settings)
     plate_image = frame_image(PLATE, plate_of(take)) if use_plate else None
+    # what is written into the take comes before anything of the scene is changed
     mattes, depths = mattes_of(scene, take) if take is not None else None, depths_of(take)
+    lens = lens_of(take, tuple(clip.size)) if take is not None else None
     changed = camera_changes(scene, fstop)
     set_focus(scene, depths, fstop, pace_of_scene(scene))
     held_out = _hold_out(scene, depths, mattes, use_plate)
@@ -131,7 +133,6 @@ def set_up(
     light = light_scene(scene, background_of(take))
     noise = grain * grain_of(take) if take is not None else 0.0
     softness = _soften(scene, take, soft)
-    lens = lens_of(take, tuple(clip.size)) if take is not None else None
     rendered = set_overscan(scene, 1.0 if lens is None else lens.wider)
     nodes.build(scene, clip, plate_image, mattes, noise, lens, rendered)
     for name in (PLATE, IMAGE):

@@ -16,6 +16,7 @@ from ...engine.take import Take
 from ..bake.animation import curves_of, make_linear, remove_curves, retime
 from ..clip.inputs.mask import png
 from ..clip.inputs.pace import Pace, pace_of_scene, set_pace_of_images
+from ..job import takes
 from ..scene_units import metres_per_unit
 from ..user_paths import absolute
 from .own import drop_unused, is_called, own_object
@@ -53,13 +54,23 @@ def mattes_of(scene: bpy.types.Scene, take: Take) -> Mattes | None:
         return None
     masks = from_arrays(Masks, arrays, "masks.")
     folder, newer = take.file(FOLDER), take.file("observation.npz").stat().st_mtime
-    for t, mask in enumerate(masks):
-        path = folder / _name(t)
-        if path.is_file() and path.stat().st_mtime >= newer:
-            continue
-        with take.writing(f"{FOLDER}/{path.name}") as aside:
-            aside.write_bytes(png(matte(mask)))
+    paths = [folder / _name(t) for t in range(len(masks))]
+    missing = {path for path in paths if not path.is_file() or path.stat().st_mtime < newer}
+    if missing:
+        check_room(take)
+    for path, mask in zip(paths, masks, strict=True):
+        if path in missing:
+            with take.writing(f"{FOLDER}/{path.name}") as aside:
+                aside.write_bytes(png(matte(mask)))
     return Mattes(_loaded(folder / _name(0)), len(masks), pace_of_scene(scene), window_of(masks))
+
+
+def check_room(take: Take) -> None:
+    """See that a take can be written where the images of its composite go. Raises TakeError where it cannot."""
+    name = take.path.name
+    takes.refuse_read_only(
+        take.file(FOLDER), f"Save this file into a folder that can be written, put a copy of {name} beside it and try again."
+    )
 
 
 def window_of(masks: Masks) -> np.ndarray:

@@ -12,6 +12,7 @@ from ..direct_operator import DirectOperator
 from ..job import takes
 from ..property_kinds import PATH
 from ..user_paths import absolute
+from .own import samples_for
 from .properties import LOOK, Look
 
 
@@ -28,8 +29,10 @@ class SEEING_WIND_OT_set_up_composite(Look, DirectOperator, bpy.types.Operator):
     def act(self, context):
         """May be repeated after any change. What is not given is as the scene has it; what is given stays there."""
         settings = context.scene.seeing_wind
-        look, hdri = settings.composite, settings.hdri
+        look, hdri, samples = settings.composite, settings.hdri, settings.composite_samples
         former = {name: getattr(look, name) for name in LOOK}
+        if self.properties.is_property_set("samples") and not self.options.is_repeat:
+            settings.composite_samples = 0  # asked for now, also where they are as the last time
         for name in LOOK:
             source, target = (self, look) if self.properties.is_property_set(name) else (look, self)
             setattr(target, name, getattr(source, name))
@@ -38,7 +41,7 @@ class SEEING_WIND_OT_set_up_composite(Look, DirectOperator, bpy.types.Operator):
         try:
             done = _set_up(context.scene)
         except SeeingWindError:
-            settings.hdri = hdri
+            settings.hdri, settings.composite_samples = hdri, samples
             for name, value in former.items():
                 setattr(look, name, value)
             raise
@@ -89,9 +92,10 @@ def _set_up(scene: bpy.types.Scene):
     from .composite import set_up  # needs NumPy
 
     settings = scene.seeing_wind
-    chosen = {name: getattr(settings.composite, name) for name in LOOK if name != "behind"}
-    done = set_up(scene, plate=settings.composite.behind, **chosen)
+    chosen = {name: getattr(settings.composite, name) for name in LOOK if name not in ("behind", "samples")}
+    done = set_up(scene, plate=settings.composite.behind, samples=samples_for(scene), **chosen)
     settings.composite_said, settings.composite_as = str(done), _as_text(settings)
+    settings.composite_samples = settings.composite.samples
     return done
 
 

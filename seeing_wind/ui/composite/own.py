@@ -37,6 +37,9 @@ OUTPUT = (
 """What a render of ours sets of a scene's output, or what changes with it, in the order in which it can be set: the later ones depend on
 what the earlier ones are."""
 
+UNTOUCHED = 4096
+"""Samples of a scene in which nobody has chosen any: Blender's own default."""
+
 SAME = 1e-5
 """Relative difference of two numbers that are the same in single precision."""
 
@@ -60,13 +63,20 @@ def drop_unused(blocks: bpy.types.bpy_prop_collection, name: str) -> None:
         blocks.remove(each)
 
 
-def changes(scene: bpy.types.Scene, use_cycles: bool, use_standard: bool, samples: int) -> list[tuple[str, str, Any, str]]:
-    """Which render settings `set_render` changes: whose, its name, the new value, and the change in words."""
+def samples_for(scene: bpy.types.Scene) -> int | None:
+    """The samples that a composite gives a scene: those of its look where they are new, or the scene has none of its own; else None."""
+    settings, cycles = scene.seeing_wind, getattr(scene, "cycles", None)  # the panel is drawn without that add-on, too
+    asked = settings.composite.samples
+    return None if asked == settings.composite_samples and cycles is not None and cycles.samples != UNTOUCHED else asked
+
+
+def changes(scene: bpy.types.Scene, use_cycles: bool, use_standard: bool, samples: int | None) -> list[tuple[str, str, Any, str]]:
+    """Which render settings `set_render` changes: whose, its name, the new value, and the change in words. Samples of None stay."""
     render, view, found = scene.render, scene.view_settings, []
     if use_cycles and render.engine != "CYCLES":
         found.append(("render", "engine", "CYCLES", f"render engine from {_engine(render.engine)} to Cycles"))
-    cycles = getattr(scene, "cycles", None)  # the panel is drawn without that add-on, too
-    if cycles is not None and cycles.samples != samples and (use_cycles or render.engine == "CYCLES"):
+    cycles = getattr(scene, "cycles", None)
+    if cycles is not None and samples is not None and cycles.samples != samples and (use_cycles or render.engine == "CYCLES"):
         found.append(("cycles", "samples", samples, f"samples from {cycles.samples} to {samples}"))
     if not render.film_transparent:
         found.append(("render", "film_transparent", True, "film to transparent"))
@@ -99,7 +109,7 @@ def camera_changes(scene: bpy.types.Scene, fstop: float) -> list[str]:
     return found
 
 
-def set_render(scene: bpy.types.Scene, use_cycles: bool, use_standard: bool, samples: int) -> list[str]:
+def set_render(scene: bpy.types.Scene, use_cycles: bool, use_standard: bool, samples: int | None) -> list[str]:
     """Let the film be transparent, and engine, samples and colors be as asked. Returns what has changed, in words."""
     made = changes(scene, use_cycles, use_standard, samples)
     for owner, name, value, _ in made:

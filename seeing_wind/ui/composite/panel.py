@@ -1,7 +1,7 @@
 """The panel *Composite*."""
 
 from ..job.panel_pieces import Tab, columns, draw_text, fold, panels
-from .own import camera_changes, changes
+from .own import camera_changes, changes, samples_for
 from .properties import LOOK
 
 IN_SIGHT = ("floor", "wall", "use_cycles", "use_standard")
@@ -34,7 +34,7 @@ class CompositeTab(Tab):
                 body.prop(settings.composite, name)
         look = settings.composite
         changed = camera_changes(context.scene, look.fstop)
-        changed += [words for *_, words in changes(context.scene, look.use_cycles, look.use_standard, look.samples)]
+        changed += [words for *_, words in changes(context.scene, look.use_cycles, look.use_standard, samples_for(context.scene))]
         if changed:
             draw_text(layout, context, f"Set Up Composite changes: {', '.join(changed)}", "INFO")
         column = layout.column()

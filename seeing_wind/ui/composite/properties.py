@@ -14,6 +14,8 @@ BEHIND = [
     ("PLATE", "Clean Plate", "The clip, with its object covered by what was behind it"),
 ]
 
+SAMPLES = "Of Cycles, per pixel, given to the scene when this is changed, or when it has none of its own"
+
 
 class Look:
     """How the edit is put over the clip: properties of the scene, and of the operator that does it."""
@@ -26,7 +28,7 @@ class Look:
         name="Wall", options=KEPT,
         description="An upright plane behind the edit that catches its shadows; move and turn it to where the clip's wall is",
     )  # fmt: skip
-    samples: IntProperty(name="Samples", default=32, min=1, soft_max=512, step=16, options=KEPT, description="Of Cycles, per pixel")
+    samples: IntProperty(name="Samples", default=32, min=1, soft_max=512, step=16, options=KEPT, description=SAMPLES)
     shutter: FloatProperty(
         name="Shutter (frames)", default=0.5, min=0.0, soft_max=1.0, options=KEPT,
         description="How long the clip's shutter was open: 0.5 is a shutter of 180 degrees; 0 renders no motion blur",
@@ -69,6 +71,9 @@ class CompositeSettings:
     composite: PointerProperty(type=SEEING_WIND_PG_composite, description="How the edit is put over the clip")
     composite_said: StringProperty(options={"HIDDEN"}, description="What was set up last")
     composite_as: StringProperty(options={"HIDDEN"}, description="By which settings")
+    composite_samples: IntProperty(
+        default=32, options={"HIDDEN"}, description="Samples of the look at that time: where it has others now, they are the scene's, too"
+    )
     hdri: StringProperty(
         name="HDRI", subtype="FILE_PATH", options=PATH,
         description="A panorama (.hdr or .exr) of where the clip was filmed, which lights the edit; empty: the sun and sky of the clip",

@@ -7,7 +7,7 @@ import pytest
 
 from seeing_wind.engine.errors import UsageError
 from seeing_wind.ui.composite import composite
-from seeing_wind.ui.composite.own import changes
+from seeing_wind.ui.composite.own import changes, samples_for
 from tests.ui.composite.rendering import render
 
 
@@ -98,3 +98,21 @@ def test_nodes_that_the_user_puts_behind_ours_stay_there(scene, tmp_path):
     tree.nodes.remove(darker)
     composite.set_up(scene, samples=1)
     assert render(tmp_path / "bright.png").max() > 100, "without them ours is the output"
+
+
+def test_samples_of_the_artist_s_own_stay(scene):
+    """They change at the first set-up of a scene that has none, and whenever other ones are asked for."""
+    look, ops, cycles = scene.seeing_wind.composite, bpy.ops.seeing_wind, scene.cycles
+    assert ops.set_up_composite() == {"FINISHED"} and cycles.samples == look.samples == 32
+    cycles.samples = 256
+    assert samples_for(scene) is None and ops.set_up_composite(floor=True) == {"FINISHED"} and cycles.samples == 256
+    look.samples = 64
+    assert ops.set_up_composite() == {"FINISHED"} and cycles.samples == 64
+    cycles.samples = 256
+    assert ops.set_up_composite(samples=64) == {"FINISHED"} and cycles.samples == 64, "asked for by name"
+
+
+def test_samples_that_were_chosen_before_the_first_set_up_stay(scene):
+    scene.cycles.samples = 256
+    assert bpy.ops.seeing_wind.set_up_composite() == {"FINISHED"} and scene.cycles.samples == 256
+    assert "samples" not in scene.seeing_wind.composite_said

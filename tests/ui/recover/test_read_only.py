@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import errno
 import os
 import shutil
@@ -13,7 +14,12 @@ import bpy
 import pytest
 
 from seeing_wind.engine.errors import TakeError
-from seeing_wind.engine.take import Take
+from seeing_wind.engine.masks import Masks
+from seeing_wind.engine.record_arrays import from_arrays, to_arrays
+from seeing_wind.engine.records import Camera
+from seeing_wind.engine.take import Take, npz
+from seeing_wind.ui.clip.inputs.mask import png
+from seeing_wind.ui.composite.mattes import FOLDER, matte
 from tests.ui.jobs import recover
 from tests.ui.meshes import cube
 
@@ -67,6 +73,25 @@ def test_results_are_loaded_from_a_read_only_folder(shelf, tmp_path) -> None:
     assert ops.calibrate() == {"FINISHED"} == ops.apply_to_field()
     assert ops.export_field(format="NPZ", filepath=str(tmp_path / "wind.npz")) == {"FINISHED"}
     assert held(shelf) == before
+
+
+@pytest.mark.parametrize("bent", [False, True])
+def test_a_composite_whose_images_cannot_be_written_changes_nothing(shelf, bent) -> None:
+    scene, ops, take = bpy.context.scene, bpy.ops.seeing_wind, Take(shelf / "out.take")
+    if bent:  # its outlines are written already, the map of its lens is not
+        seen = take.read_arrays("observation.npz")
+        camera = dataclasses.replace(from_arrays(Camera, seen, "camera."), distortion=(-1.0, 0.2, 0.0, 0.0, 0.0))
+        (take.path / "observation.npz").write_bytes(npz("observation.npz", seen | to_arrays(camera, "camera.")))
+        (take.path / FOLDER).mkdir()
+        for t, mask in enumerate(from_arrays(Masks, seen, "masks.")):
+            (take.path / FOLDER / f"matte_{t + 1:04}.png").write_bytes(png(matte(mask)))
+    ops.build_scene(take=str(take.path))
+    before = held(shelf)
+    kept = scene.render.engine, scene.cycles.samples, scene.render.film_transparent, scene.camera.data.show_background_images
+    with pytest.raises(RuntimeError, match=rf"{take.path}\S* cannot be written: Read-only .*put a copy of out.take beside it"):
+        ops.set_up_composite()
+    assert kept == (scene.render.engine, scene.cycles.samples, scene.render.film_transparent, scene.camera.data.show_background_images)
+    assert held(shelf) == before and not scene.seeing_wind.composite_said
 
 
 def test_what_writes_beside_a_read_only_take_says_so_and_goes_on_with_a_copy(shelf, workplace, tmp_path) -> None:

@@ -11,7 +11,7 @@ from ....engine.record_arrays import from_arrays
 from ....engine.records import Camera
 from ....engine.take import Take
 from ...clip.inputs.lens import straightened
-from ..mattes import FOLDER
+from ..mattes import FOLDER, check_room
 from ..own import drop_unused
 
 IMAGE, WIDE_IMAGE = "Seeing Wind Lens", "Seeing Wind Wide Lens"
@@ -48,6 +48,7 @@ def lens_of(take: Take, size: tuple[int, int]) -> Lens | None:
     camera = from_arrays(Camera, arrays, "camera.")
     if not any(camera.distortion):
         return None
+    check_room(take)
     places = st_map(camera, size)
     wider = overscan_of(places)
     return Lens(_saved(take, IMAGE, "lens", places), _saved(take, WIDE_IMAGE, "lens_wide", widened(places, wider)), wider)
