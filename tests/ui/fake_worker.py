@@ -1,8 +1,8 @@
 """Speaks the worker's protocol without an engine: `fake_worker.py BEHAVIOUR [arguments ignored]`, standard library only.
 
-Behaviours: done, warned (a video is missing, exit 3), error, flags (an error that names options), crash (Python exception), die (kills
-itself), mute (exit 1, says nothing), hang (works, and then waits until it is asked to stop), stubborn (no request and no SIGTERM stops it),
-chatty (lines that are no messages), offspring (leaves a child that holds the pipes).
+Behaviours: done, warned (a video is missing, exit 3), error, flags (an error that names options, exit 2), crash (Python exception), die
+(kills itself), mute (exit 1, says nothing), hang (works, and then waits until it is asked to stop), stubborn (no request and no SIGTERM
+stops it), chatty (lines that are no messages), offspring (leaves a child that holds the pipes).
 SEEING_WIND_FAKE_SECONDS sets how long `done` and `hang` work.
 """
 
@@ -82,7 +82,7 @@ def main() -> int:
         send(type="warning", message="--fov is a guess.")
         send(type="error", message="There is nothing in --box.", hint="Draw --box round the object.", mend="")
         send(type="result", outcome="failed", message="There is nothing in --box.")
-        return 1
+        return 2
     elif behaviour == "crash":
         raise RuntimeError("the grid is empty")
     elif behaviour == "die":

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import bpy
 from bpy.app.handlers import persistent
 
-from ...engine.errors import SeeingWindError
+from ...engine.errors import WRONG_INPUT, SeeingWindError
 from ..clip.inputs.pace import pace_of_scene
 from . import console, notes, status, worker
 from .panel_words import in_scene_frames
@@ -76,6 +76,9 @@ class JobOperator:
         """Take in the results of a job that was neither cancelled nor failed; returns what to tell the user."""
         raise NotImplementedError
 
+    def withdraw(self, scene: bpy.types.Scene) -> None:
+        """What the job was given cannot be used, as `start` or the worker found: put back what `start` has changed of the settings."""
+
     def owner(self, scene: bpy.types.Scene) -> bpy.types.PropertyGroup | None:
         """With what the notes of a finished job are kept; None where that is gone. Asked only of a step in `notes.KEPT`."""
         return scene.seeing_wind
@@ -95,6 +98,7 @@ class JobOperator:
         try:
             jobs[self.key] = Running(self.start(scene))
         except (SeeingWindError, OSError) as error:
+            self.withdraw(scene)
             return self._fail(scene, *worker.told(error))
         status.begin(status.of(self.key), self.step, self.bl_label)
         scene.seeing_wind.unfinished = self.step
@@ -179,6 +183,8 @@ class JobOperator:
             self.report({"WARNING"}, f"{self.bl_label} was cancelled.")
             return {"CANCELLED"}
         if running.exit["outcome"] == "failed":
+            if running.exit["code"] == WRONG_INPUT:  # what broke down otherwise can go on, with the same settings
+                self.withdraw(scene)
             if running.result is not None and running.result.get("outcome") == "diverged":
                 return self._fail(scene, "The recovery diverged.", "Check scale, material and frame rate; see the notes in the log.")
             return self._fail(scene, entry.message, entry.hint, entry.mend, entry.log)

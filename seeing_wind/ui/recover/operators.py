@@ -12,7 +12,7 @@ from ..job.operator import JobOperator
 from ..job.worker_command import ROOT, command, environment
 from ..property_kinds import PATH
 from ..user_paths import absolute
-from .properties import RecoverOptions, adopt
+from .properties import RecoverOptions, adopt, give_back
 from .request import RecoverRequest
 from .shown import said_of_view
 
@@ -37,7 +37,7 @@ class SEEING_WIND_OT_recover(JobOperator, RecoverOptions, bpy.types.Operator):
     def start(self, scene):
         """Options given as keywords become the scene's settings first."""
         settings = scene.seeing_wind
-        adopt(settings, self.properties)
+        self.given = adopt(settings, self.properties)
         for name, pool in (("mask_data", bpy.data.masks), ("held_mask", bpy.data.masks), ("proxy", scene.objects)):
             if self.properties.is_property_set(name):
                 setattr(settings, name, _found(pool, getattr(self, name)))
@@ -57,6 +57,13 @@ class SEEING_WIND_OT_recover(JobOperator, RecoverOptions, bpy.types.Operator):
         if last["outcome"] == "done":
             last = yield from sampling(python, request.take)
         return last
+
+    def withdraw(self, scene):
+        """Options that cannot be used are not those of the next run, either."""
+        given, self.given = getattr(self, "given", {}), {}
+        if given:
+            give_back(scene.seeing_wind, given)
+            self.digest = ""  # the failure is told beside the settings that are back
 
     def finish(self, scene, result):
         """The field object, the arrows, the camera and the object itself."""

@@ -3,6 +3,8 @@
 No postponed annotations here: Blender reads these annotations as property definitions.
 """
 
+from typing import Any
+
 import bpy
 from bpy.props import BoolProperty, CollectionProperty, PointerProperty, StringProperty
 
@@ -12,6 +14,9 @@ from ..clip.properties import ClipOptions
 from ..job.notes import SEEING_WIND_PG_note
 from ..option_properties import with_options
 from ..property_kinds import PATH, changed, choice
+
+Given = dict[str, tuple[Any, Any]]
+"""Options that an operator was called with: what the scene had before, and what it has of them now."""
 
 MODES = {
     "box": ("object_mode", "BOX"),
@@ -73,11 +78,25 @@ IMPLIED = MODES | {name.removeprefix("use_"): (name, True) for name in OPTIONS i
 """The same, with the ticks before numbers."""
 
 
-def adopt(settings: bpy.types.PropertyGroup, arguments: bpy.types.OperatorProperties) -> None:
-    """Take over the options that an operator was called with, and the modes that they imply."""
+def adopt(settings: bpy.types.PropertyGroup, arguments: bpy.types.OperatorProperties) -> Given:
+    """Take over the options that an operator was called with, and the modes that they imply. Returns what there was, for `give_back`."""
     given = [name for name in OPTIONS if arguments.is_property_set(name)]
-    for name, (mode, value) in IMPLIED.items():
-        if name in given and mode not in given:
-            setattr(settings, mode, value)
+    modes = {mode: value for name, (mode, value) in IMPLIED.items() if name in given and mode not in given}
+    former = {name: _plain(getattr(settings, name)) for name in (*modes, *given)}
+    for name, value in modes.items():
+        setattr(settings, name, value)
     for name in given:
         setattr(settings, name, getattr(arguments, name))
+    return {name: (value, _plain(getattr(settings, name))) for name, value in former.items()}
+
+
+def give_back(settings: bpy.types.PropertyGroup, given: Given) -> None:
+    """Put former values back in the place of those that were taken over, where nobody has changed these since."""
+    for name, (former, taken) in given.items():
+        if _plain(getattr(settings, name)) == taken:
+            setattr(settings, name, former)
+
+
+def _plain(value: Any) -> Any:
+    """A value that does not change with the property."""
+    return tuple(value) if isinstance(value, bpy.types.bpy_prop_array) else value

@@ -213,6 +213,7 @@ def test_a_clip_of_the_same_name_does_not_replace_what_was_recovered_of_another(
     told = [Take(project / name).read_json("report.json")["clip"]["path"] for name in ("clip.take", "clip.2.take")]
     assert told == [str(first), str(second)]
     refused(lambda: recover(second, take="//clip.take"), f"the take of another clip, {first}", "the user's own choice")
+    bpy.context.scene.seeing_wind.take = "//clip.take"
     refused(bpy.ops.seeing_wind.preview, "the take of another clip", "which writes into it, too")
     assert Take(project / "clip.take").read_json("report.json")["clip"]["path"] == str(first)
 

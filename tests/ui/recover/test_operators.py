@@ -181,8 +181,34 @@ def test_a_failed_worker_is_told_and_nothing_stays_running(workplace, scene, mon
     assert status.of(scene.session_uid).running == "" and not job_operator.jobs
     assert scene.seeing_wind.field_object is None and scene.seeing_wind.recovered_digest == ""
     # other settings make the failure a thing of the past
+    scene.seeing_wind.clip, scene.seeing_wind.box = str(workplace / "clip.mp4"), (20, 20, 44, 44)
     scene.seeing_wind.distance = 5.0
     assert now(scene)["recover"].state == "idle"
+
+
+@pytest.mark.parametrize(("behaviour", "says"), [("done", "There is no camera file /no/camera.json"), ("flags", "nothing in Box")])
+def test_options_that_cannot_be_used_do_not_stay(workplace, scene, monkeypatch, behaviour, says) -> None:
+    """Refused in Blender, or by the worker; the next run is as before, and what the user set in the panel stays."""
+    settings = scene.seeing_wind
+    settings.clip, settings.box, settings.distance = str(workplace / "clip.mp4"), (20, 20, 44, 44), 2.0
+    settings.camera_mode, settings.fov = "FOV", 40.0
+    (workplace / "camera.json").write_text("{}")
+    camera = workplace / "camera.json" if behaviour == "flags" else "/no/camera.json"
+    monkeypatch.setenv("SEEING_WIND_FAKE", behaviour)
+    with pytest.raises(RuntimeError, match=says):
+        bpy.ops.seeing_wind.recover(camera=str(camera), box=(1, 2, 30, 40), take=str(workplace / "refused.take"))
+    assert (settings.camera_mode, settings.camera, settings.fov, tuple(settings.box)) == ("FOV", "", 40.0, (20, 20, 44, 44))
+    assert now(scene)["recover"].state == "failed" and says in now(scene)["recover"].message and settings.take == ""
+    monkeypatch.setenv("SEEING_WIND_FAKE", "done")
+    assert bpy.ops.seeing_wind.recover(take=str(workplace / "refused.take")) == {"FINISHED"}
+
+
+def test_options_of_a_worker_that_broke_down_stay(workplace, scene, monkeypatch) -> None:
+    monkeypatch.setenv("SEEING_WIND_FAKE", "die")
+    with pytest.raises(RuntimeError, match="SIGKILL"):
+        recover(workplace, distance=3.0, take=str(workplace / "died.take"))
+    monkeypatch.setenv("SEEING_WIND_FAKE", "done")
+    assert scene.seeing_wind.distance == 3.0 and bpy.ops.seeing_wind.recover() == {"FINISHED"}, "it goes on"
 
 
 def test_a_missing_engine_names_the_button_that_mends_it(workplace, scene, monkeypatch) -> None:
