@@ -108,8 +108,7 @@ def said_of_mirror(field: Any) -> str:
     """What a negative scale does to a field, its own or a parent's; "" without one."""
     if field.matrix_world.determinant() >= 0.0:
         return ""
-    why = "solvers take that for a turn, and feel this wind upside down, not as its arrows show"
-    return f"Mirrored by a negative scale: {why}. Turn it instead"
+    return "Mirrored by a negative scale: solvers feel this wind against its arrows, in the opposite direction. Turn it instead"
 
 
 def said_of_override(field: Any) -> str:

@@ -80,7 +80,7 @@ def test_a_field_that_a_parent_mirrors_is_told(scene) -> None:
     scene.collection.objects.link(parent)
     field.parent, parent.scale = parent, (-1.0, 1.0, 1.0)
     bpy.context.view_layer.update()
-    assert "upside down" in said_of_mirror(field)
+    assert said_of_mirror(field).startswith("Mirrored by a negative scale: solvers feel this wind against its arrows")
     bpy.ops.mesh.primitive_plane_add()
     obj = bpy.context.object
     obj.modifiers.new("Dust", "PARTICLE_SYSTEM")
@@ -88,6 +88,17 @@ def test_a_field_that_a_parent_mirrors_is_told(scene) -> None:
     parent.scale.x = 1.0
     bpy.context.view_layer.update()
     assert not [line for line in calibrate_object(scene, obj, field) if "Mirrored" in line]
+
+
+@pytest.mark.parametrize(("scale", "told"), [((-1.0, 1.0, 1.0), True), ((1.0, 1.0, -1.0), True), ((-1.0, -1.0, 1.0), False)])
+def test_what_is_told_of_a_mirror_is_what_solvers_feel(scene, checks, scale, told) -> None:
+    """The opposite of what the field and its arrows show; two mirrors are a turn."""
+    field = checks["swirl_field"](scene)
+    field.scale = scale
+    bpy.context.view_layer.update()
+    angle, size = checks["field_errors"](scene, field, 2, count=40)
+    assert bool(said_of_mirror(field)) == told and size < 0.02
+    assert angle > 179.0 if told else angle < 1.0
 
 
 def test_everything_of_a_take_keeps_the_clock(scene, stand_in, workplace, capfd) -> None:
