@@ -20,7 +20,7 @@ import bpy
 import numpy as np
 
 from ...engine.errors import UsageError
-from ..scene_units import metres_per_unit
+from ..scene_units import METRES, metres_per_unit
 from .arrows import show_reach
 from .display import BLOWS, CARRIED, DRAG, FORCE, KIND, LINEAR, LOOP, NODES, SPEEDS, STRIDE, SURE, WIND, has_wind, share
 from .lattice import SampledField
@@ -97,7 +97,7 @@ def create_field_object(
     properties = {"take": str(take), "density": float(density), "fps": float(fps), "frame_start": frame_start, "frames": len(local.force)}
     for key, value in properties.items():
         obj[f"seeing_wind_{key}"] = value
-    obj[STRIDE], obj[LOOP] = 1.0, loops
+    obj[STRIDE], obj[LOOP], obj[METRES] = 1.0, loops, unit
     if sampled.velocity is not None:
         obj[SPEEDS], obj[DRAG], obj[LINEAR] = speeds, drag, linear_drag(sampled.velocity)
     samples = create_samples(obj, local, frame_start, SOLVER_DELAY)

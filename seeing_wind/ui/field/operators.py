@@ -14,6 +14,7 @@ from ..job.install.environment import engine_python
 from ..job.panel_words import in_panel_words
 from ..job.worker_command import command, environment
 from ..property_kinds import PATH
+from ..scene_units import refuse_other_units
 from ..user_paths import absolute
 from .display import field_at_hand, frames_per_second, is_field, is_wind, openvdb_available, out_of_time, said_of_fit, said_of_pace
 from .library.copies import mend
@@ -241,9 +242,10 @@ class SEEING_WIND_OT_export_field(DirectOperator, bpy.types.Operator):
 
     def act(self, context):
         """VDB in Blender, the rest by the engine."""
-        from .vdb import faded, frames_of, said_of_clip_frames, said_of_frames, write_vdb  # need NumPy
+        from .vdb import faded, frames_of, name_beside, said_of_clip_frames, said_of_frames, write_vdb  # need NumPy
 
         scene, field = context.scene, chosen_field(context, self.field)
+        refuse_other_units(field, scene)
         frames = frames_of(scene, field, loops=self.format == "VDB")
         if self.format != "VDB" and field == scene.seeing_wind.field_object and takes.shows_lone(scene.seeing_wind):
             from ..edit.resimulate.lone_wind import adopt  # needs NumPy
@@ -251,7 +253,7 @@ class SEEING_WIND_OT_export_field(DirectOperator, bpy.types.Operator):
             adopt(scene, field)  # again: the scene may last longer by now
             frames = range(scene.seeing_wind.frame_start + 1, scene.frame_end + 1)
         take, name = self._take(scene, field), self.format.lower()
-        target = Path(absolute(self.filepath)) if self.filepath else take.with_name(_beside(take))
+        target = Path(absolute(self.filepath)) if self.filepath else name_beside(take)
         if self.format == "VDB":
             files = write_vdb(scene, field, target)
             return f"Wrote {len(files)} files into {target}, for {said_of_frames(scene, frames)}"
@@ -290,11 +292,6 @@ class SEEING_WIND_OT_export_field(DirectOperator, bpy.types.Operator):
         if worker.wait(messages, handle)["outcome"] != "done":
             last = errors[-1] if errors else {"message": "The export failed.", "hint": ""}
             raise SeeingWindError(*(in_panel_words(str(last.get(key, ""))) for key in ("message", "hint")))
-
-
-def _beside(take: Path) -> str:
-    """What an export is called beside its take, whose name may speak of the wind already."""
-    return f"{take.stem}_field" if "wind" in take.stem.lower() else f"{take.stem}_wind"
 
 
 CLASSES = (

@@ -3,6 +3,7 @@
 import bpy
 
 from ..job.panel_pieces import Tab, draw_text, panels
+from ..scene_units import said_of_units
 from .display import (
     ARROWS_MATERIAL,
     KIND,
@@ -58,7 +59,7 @@ class FieldTab(Tab):
             if field == settings.field_object and settings.recovered_object is not None:
                 then = said_of_pace(frames_per_second(context.scene) / field["seeing_wind_fps"])
                 draw_text(layout, context, f"Then {then}", "INFO")
-        for wrong in filter(None, (said_of_mirror(field), said_of_override(field))):
+        for wrong in filter(None, (said_of_units(field, context.scene), said_of_mirror(field), said_of_override(field))):
             box = layout.box()
             box.alert = True
             draw_text(box, context, wrong, "ERROR")

@@ -110,6 +110,11 @@ def said_of_clip_frames(scene: bpy.types.Scene, field: bpy.types.Object, frames:
     return said_of_frames(scene, frames) + (f"; each of its own lasts {lasts:.4g} of these" if lasts != 1.0 else "")
 
 
+def name_beside(take: Path) -> Path:
+    """Where an export goes beside its take, whose name may speak of the wind already."""
+    return take.with_name(f"{take.stem}_field" if "wind" in take.stem.lower() else f"{take.stem}_wind")
+
+
 def faded(scene: bpy.types.Scene, field: bpy.types.Object) -> list[str]:
     """The option of `export` with which other programs get a field that fades as solvers feel it here, as the VDB files have it; of one
     that does not fade, which is whole in its box, none."""

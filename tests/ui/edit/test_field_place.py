@@ -8,6 +8,8 @@ import pytest
 from mathutils import Euler
 
 from seeing_wind.ui import freshness
+from seeing_wind.ui.field.solvers.calibration import calibrate_object
+from seeing_wind.ui.scene_units import said_of_units
 from tests.ui.edit.edits import state, written
 from tests.ui.fake_engine import DENSITY, FRAMES, swirl
 from tests.ui.fake_engine import away as from_object
@@ -122,6 +124,25 @@ def test_in_another_unit_it_is_the_same_place(workplace, recovered, checks):
     bpy.ops.seeing_wind.resimulate()
     place = np.load(workplace / "out.edit.take" / "field_place.npy")
     np.testing.assert_allclose(place[3], [[1, 0, 0, 1.0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]], atol=1e-5)
+
+
+def test_another_unit_is_told_until_the_results_are_loaded_again(recovered, tmp_path):
+    ops, field, units = bpy.ops.seeing_wind, recovered.seeing_wind.field_object, recovered.unit_settings
+    cube("Box")
+    ops.insert_mesh(object="Box")
+    assert said_of_units(field, recovered) == "" and ops.resimulate() == {"FINISHED"}
+    units.scale_length = 0.01
+    says = "was made for a unit scale of 1, and the scene's is 0.01: .*Press Reload in the Recover panel, or set Unit Scale to 1"
+    for call in (ops.resimulate, ops.preview_edit, lambda: ops.export_field(format="PLY", filepath=str(tmp_path / "ply"))):
+        with pytest.raises(RuntimeError, match=says):
+            call()
+    bpy.context.object.modifiers.new("Dust", "PARTICLE_SYSTEM")
+    assert said_of_units(field, recovered) in calibrate_object(recovered, bpy.context.object, field)
+    units.system = "NONE"
+    assert said_of_units(field, recovered) == "", "a unit is a metre again"
+    units.system = "METRIC"
+    assert ops.build_scene() == {"FINISHED"} and said_of_units(field, recovered) == ""
+    assert ops.resimulate() == {"FINISHED"}
 
 
 def test_a_field_that_is_deleted_or_hidden_is_told_and_still_fades(workplace, recovered, field):

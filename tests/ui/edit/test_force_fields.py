@@ -36,6 +36,7 @@ def exported(workplace) -> dict[str, np.ndarray]:
 def test_a_body_is_pushed_as_a_particle_of_blender_of_its_mass(workplace, recovered, kind, unit):
     """The engine divides by the body's whole mass: so the file has newtons, and Blender's particle of that mass the acceleration."""
     recovered.unit_settings.scale_length = unit
+    bpy.ops.seeing_wind.build_scene()
     cube("Box").scale *= 1.0 / unit
     settings = {name: value / unit if name in ("size", "rest_length") else value for name, value in CHECK["KINDS"][kind].items()}
     push(kind, (3.0 / unit, 0.4, -0.2), **settings)

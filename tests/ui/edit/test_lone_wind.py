@@ -250,3 +250,13 @@ def test_the_take_of_a_lone_wind_is_made_again(field):
     bpy.ops.seeing_wind.resimulate()
     shutil.rmtree(bpy.context.scene.seeing_wind.recovered_take)
     assert bpy.ops.seeing_wind.resimulate() == {"FINISHED"}
+
+
+def test_a_wind_of_a_file_with_another_unit_is_told(field):
+    """It has no results to load again."""
+    scene = bpy.context.scene
+    scene.unit_settings.system, scene.unit_settings.scale_length = "METRIC", 0.01
+    cube("Box")
+    bpy.ops.seeing_wind.insert_mesh(object="Box")
+    with pytest.raises(RuntimeError, match=r"Wind was made for a unit scale of 1, .* is 0.01: .* wrong. Set Unit Scale to 1 \(Properties"):
+        bpy.ops.seeing_wind.resimulate()

@@ -8,6 +8,7 @@ from ...job import status, takes, worker
 from ...job.install.environment import engine_python
 from ...job.operator import JobOperator
 from ...job.worker_command import command, environment
+from ...scene_units import refuse_other_units
 from . import preview
 from .request import EditRequest
 
@@ -28,6 +29,9 @@ class Simulation(JobOperator):
         settings, python = scene.seeing_wind, engine_python()
         mend(scene)
         alone = lone_wind(scene)
+        field = alone or settings.field_object
+        if field is not None and scene in field.users_scene:
+            refuse_other_units(field, scene)
         moved = adopt(scene, alone) if alone is not None else []
         source = takes.recovered(settings)
         request = EditRequest.of(scene)

@@ -19,6 +19,7 @@ from collections.abc import Callable, Iterator
 import bpy
 
 from ....engine.errors import UsageError
+from ...scene_units import said_of_units
 from ..display import said_of_mirror
 from .apart import choose_effectors, said_of_others
 from .cloth import cloth
@@ -59,7 +60,7 @@ def calibrate_object(
     if not said:
         raise UsageError(f"{obj.name} has no physics.", "Add a particle system, cloth, a rigid body or physics nodes first.")
     choose_effectors(scene, obj, what.field, alone)
-    return [*said, *said_of_others(scene, obj, what.field, alone), *filter(None, [said_of_mirror(what.field)])]
+    return [*said, *said_of_others(scene, obj, what.field, alone), *filter(None, [said_of_units(what.field, scene), said_of_mirror(what.field)])]
 
 
 def has_solver(obj: bpy.types.Object) -> bool:
