@@ -6,11 +6,15 @@ import bpy
 from mathutils import Matrix, Vector
 
 from ...engine.errors import UsageError
-from ..bake.at_rest import own_copy
-from ..bake.bodies import HIDDEN
+from ..bake.at_rest import discard, own_copy
+from ..bake.bodies import HIDDEN, clear_body
 from ..bake.motion import clear_bake
+from ..bake.plan import leave
 from ..job import status
 from ..scene_units import metres_per_unit
+
+MADE = "seeing_wind_made_for_edit"
+"""Custom property of what `duplicate` makes, an object or its collection: its name. What is called otherwise by now is the user's."""
 
 GAP = 1.2
 """A copied edit stands that many widths of the field beside its original."""
@@ -58,6 +62,7 @@ def duplicate(scene: bpy.types.Scene) -> str:
     step = Vector((_width(settings) * GAP, 0.0, 0.0))
     new.offset = Vector(new.offset) + step
     collection = bpy.data.collections.new(new.name)
+    collection[MADE] = collection.name
     scene.collection.children.link(collection)
     for body in new.bodies:
         body.result, body.baked_copy = "", None
@@ -69,7 +74,10 @@ def duplicate(scene: bpy.types.Scene) -> str:
 
 
 def remove(settings: bpy.types.PropertyGroup) -> str:
-    """Forget the present edit and work on its neighbour; objects and keyframes stay. Returns its name.
+    """Forget the present edit and work on its neighbour. Returns its name.
+
+    The copies that `duplicate` made for it go, and what stands in for one or for the recovered object, unless something else uses them. The
+    user's own objects stay with their keyframes, which *Clear Bake* takes off where no body of an edit has any.
 
     Raises:
         UsageError: when it is the only one.
@@ -78,12 +86,45 @@ def remove(settings: bpy.types.PropertyGroup) -> str:
         raise UsageError("There is only one edit.", "Take its bodies off the list instead.")
     index = settings.loaded_edit
     name = settings.edits[index].name
+    _let_go(settings)
     neighbour = index - 1 if index else 1
     _take_over(settings.edits[neighbour], settings)
     settings.edits.remove(index)
     settings.loaded_edit = neighbour - 1 if neighbour > index else neighbour
     settings.active_edit = settings.loaded_edit
     return name
+
+
+def _let_go(settings: bpy.types.PropertyGroup) -> None:
+    """Remove what was made for the bodies of the present edit."""
+    scene, index = settings.id_data, settings.loaded_edit
+    others = [each for n, edit in enumerate(settings.edits) if n != index for each in (*edit.bodies, *edit.colliders)]
+    kept = {each.object for each in others} | {each.baked_copy for each in others if hasattr(each, "baked_copy")}
+    for body in settings.bodies:
+        source = settings.recovered_object if body.is_recovered else body.object
+        ours = body.is_recovered or (source is not None and _is_copy(source))
+        going = [each for each in (body.baked_copy, None if body.is_recovered else source) if each is not None]
+        if not ours or any(each in kept or _used_elsewhere(each, scene, [*going, source]) for each in going):
+            leave(body, source)
+            continue
+        homes = [] if body.is_recovered else list(source.users_collection)
+        clear_body(body)
+        if not body.is_recovered:
+            discard(source)
+        for collection in homes:
+            if not collection.all_objects and not collection.children:
+                bpy.data.collections.remove(collection)
+
+
+def _is_copy(obj: bpy.types.Object) -> bool:
+    """Whether `duplicate` made an object, and it is still called and kept as it was then."""
+    return obj.get(MADE) == obj.name and all(each.get(MADE) == each.name for each in obj.users_collection)
+
+
+def _used_elsewhere(obj: bpy.types.Object, scene: bpy.types.Scene, among: list[bpy.types.Object]) -> bool:
+    """Whether another object, or whatever else but the scene, its collections and what is `among` the same body, uses an object."""
+    users = bpy.data.user_map(subset={obj})[obj] - {scene, *among}
+    return any(not isinstance(user, bpy.types.Collection) for user in users)
 
 
 def _keep(settings: bpy.types.PropertyGroup, edit: bpy.types.PropertyGroup) -> None:
@@ -122,6 +163,7 @@ def _copy_items(source: bpy.types.bpy_prop_collection, target: bpy.types.bpy_pro
 def _beside(obj: bpy.types.Object, step: Vector, collection: bpy.types.Collection) -> bpy.types.Object:
     copy = own_copy(obj)
     collection.objects.link(copy)
+    copy[MADE] = copy.name
     clear_bake(copy)
     if HIDDEN in copy:
         del copy[HIDDEN]

@@ -278,13 +278,13 @@ class SEEING_WIND_OT_duplicate_edit(DirectOperator, bpy.types.Operator):
 
 
 class SEEING_WIND_OT_remove_edit(DirectOperator, bpy.types.Operator):
-    """Forget this edit and work on the one beside it; objects and keyframes stay"""
+    """Forget this edit, with the copies that were made for it, and work on the one beside it; your own objects and keyframes stay"""
 
     bl_idname = "seeing_wind.remove_edit"
     bl_label = "Remove Edit"
 
     def act(self, context):
-        """Objects and keyframes are not touched."""
+        """What is the user's is not touched."""
         from .edits import remove  # needs NumPy
 
         return f"Removed {remove(context.scene.seeing_wind)}"

@@ -60,7 +60,8 @@ def calibrate_object(
     if not said:
         raise UsageError(f"{obj.name} has no physics.", "Add a particle system, cloth, a rigid body or physics nodes first.")
     choose_effectors(scene, obj, what.field, alone)
-    return [*said, *said_of_others(scene, obj, what.field, alone), *filter(None, [said_of_units(what.field, scene), said_of_mirror(what.field)])]
+    wrong = filter(None, [said_of_units(what.field, scene), said_of_mirror(what.field)])
+    return [*said, *said_of_others(scene, obj, what.field, alone), *wrong]
 
 
 def has_solver(obj: bpy.types.Object) -> bool:
