@@ -16,7 +16,9 @@ from seeing_wind.ui.field.field_object import make_again
 from seeing_wind.ui.field.node_groups import FIRST_FRAME, get_input
 from seeing_wind.ui.field.samples import rows_at, samples_of
 from seeing_wind.ui.field.vdb import frames_of, said_of_frames
+from seeing_wind.ui.job import operator as job_operator
 from tests.ui.edit.edits import state
+from tests.ui.job.test_modal import Window, resimulating, step_until_over
 from tests.ui.jobs import notes_of
 from tests.ui.meshes import cube, shown
 
@@ -260,3 +262,29 @@ def test_a_wind_of_a_file_with_another_unit_is_told(field):
     bpy.ops.seeing_wind.insert_mesh(object="Box")
     with pytest.raises(RuntimeError, match=r"Wind was made for a unit scale of 1, .* is 0.01: .* wrong. Set Unit Scale to 1 \(Properties"):
         bpy.ops.seeing_wind.resimulate()
+
+
+@pytest.mark.parametrize("redone", [True, False])
+def test_an_undo_while_it_is_simulated_takes_neither_wind_nor_frames_back(field, monkeypatch, redone):
+    """What the job has changed when it began is no step of its own yet."""
+    scene = bpy.context.scene
+    scene.frame_start, scene.frame_end = 1001, 1014
+    box = cube("Box", (0.3, 0.0, 0.6))
+    bpy.ops.seeing_wind.insert_mesh(object="Box")
+    bpy.ops.ed.undo_push(message="Insert")
+    cube("Later")
+    bpy.ops.ed.undo_push(message="Later")
+    monkeypatch.setattr(job_operator, "blocks", lambda context: False)
+    operator, window = resimulating(scene), Window(scene)
+    assert operator.execute(window) == {"RUNNING_MODAL"}
+    bpy.ops.ed.undo()
+    if redone:
+        bpy.ops.ed.redo()
+    scene = bpy.context.scene
+    settings = scene.seeing_wind
+    assert settings.recovered_take == "" and scene.objects["Wind"]["seeing_wind_frame_start"] == 5
+    assert step_until_over(operator, window) == {"FINISHED"}
+    assert settings.field_object == scene.objects["Wind"] and settings.field_object["seeing_wind_frame_start"] == 1001
+    assert state("resimulate") == "done" and bpy.ops.seeing_wind.bake() == {"FINISHED"}
+    box = scene.objects["Box"]
+    assert np.abs(shown(box, 1005) - shown(box, 1001)).max() > 0.001

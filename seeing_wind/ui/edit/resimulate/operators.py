@@ -34,6 +34,7 @@ class Simulation(JobOperator):
             refuse_other_units(field, scene)
         moved = adopt(scene, alone) if alone is not None else []
         source = takes.recovered(settings)
+        self.alone, self.as_shown = None if alone is None else alone.session_uid, _as_shown(settings)
         request = EditRequest.of(scene)
         digest = self.digest_of(scene, request.digest())
         self.folder = takes.edit_folder(settings, source, preview=self.coarse)
@@ -58,7 +59,11 @@ class Simulation(JobOperator):
     def finish(self, scene, result):
         """The motion stays in the take; where the objects show a preview, or are to show this one, it is baked at once."""
         settings = scene.seeing_wind
-        here = {obj.session_uid for obj in scene.objects}
+        here = {obj.session_uid: obj for obj in scene.objects}
+        if self.alone in here and self.as_shown != _as_shown(settings):  # an undo while it ran has taken that back
+            from .lone_wind import adopt  # needs NumPy
+
+            adopt(scene, here[self.alone])
         gone = [name for uid, name in self.simulated if uid not in here]
         said = [f"{name} was deleted while it was simulated: take it off the list, or undo its deletion" for name in gone]
         status.of(scene.session_uid).warnings.extend(said + self.remarks)
@@ -121,6 +126,11 @@ class SEEING_WIND_OT_preview_edit(Simulation, bpy.types.Operator):
         if edit and settings.simulated_digest == edit and takes.simulated(settings).is_dir():
             raise UsageError("The full result of this edit is there already.", "Press Bake to Keyframes to see it.")
         return preview.digest_of_preview(scene, edit)
+
+
+def _as_shown(settings: bpy.types.PropertyGroup) -> tuple[str, str, int]:
+    """Which field the scene shows, and from which frame on."""
+    return settings.recovered_take, settings.recovered_stamp, settings.frame_start
 
 
 def _who(body: bpy.types.PropertyGroup) -> int:
