@@ -37,9 +37,6 @@ OUTPUT = (
 """What a render of ours sets of a scene's output, or what changes with it, in the order in which it can be set: the later ones depend on
 what the earlier ones are."""
 
-UNTOUCHED = 4096
-"""Samples of a scene in which nobody has chosen any: Blender's own default."""
-
 SAME = 1e-5
 """Relative difference of two numbers that are the same in single precision."""
 
@@ -67,7 +64,7 @@ def samples_for(scene: bpy.types.Scene) -> int | None:
     """The samples that a composite gives a scene: those of its look where they are new, or the scene has none of its own; else None."""
     settings, cycles = scene.seeing_wind, getattr(scene, "cycles", None)  # the panel is drawn without that add-on, too
     asked = settings.composite.samples
-    return None if asked == settings.composite_samples and cycles is not None and cycles.samples != UNTOUCHED else asked
+    return None if asked == settings.composite_samples and cycles is not None and cycles.is_property_set("samples") else asked
 
 
 def changes(scene: bpy.types.Scene, use_cycles: bool, use_standard: bool, samples: int | None) -> list[tuple[str, str, Any, str]]:

@@ -112,7 +112,9 @@ def test_samples_of_the_artist_s_own_stay(scene):
     assert ops.set_up_composite(samples=64) == {"FINISHED"} and cycles.samples == 64, "asked for by name"
 
 
-def test_samples_that_were_chosen_before_the_first_set_up_stay(scene):
-    scene.cycles.samples = 256
-    assert bpy.ops.seeing_wind.set_up_composite() == {"FINISHED"} and scene.cycles.samples == 256
+@pytest.mark.parametrize("samples", [256, 4096])
+def test_samples_that_were_chosen_before_the_first_set_up_stay(scene, samples):
+    """Also as many as Blender itself would take."""
+    scene.cycles.samples = samples
+    assert bpy.ops.seeing_wind.set_up_composite() == {"FINISHED"} and scene.cycles.samples == samples
     assert "samples" not in scene.seeing_wind.composite_said
