@@ -352,8 +352,8 @@ def test_a_camera_that_is_not_where_the_clip_s_was_is_told(scene, capfd):
 def test_engine_and_colors_change_only_where_the_panel_says_so(scene, capfd):
     eevee = next(item.identifier for item in scene.render.bl_rna.properties["engine"].enum_items if "EEVEE" in item.identifier)
     scene.render.engine, scene.view_settings.view_transform = eevee, "AgX"
-    scene.cycles.samples, scene.render.film_transparent = 4096, False
-    look = scene.seeing_wind.composite
+    scene.render.film_transparent, look = False, scene.seeing_wind.composite
+    scene.cycles.property_unset("samples")
     assert [words for *_, words in changes(scene, True, True, 32)] == [
         "render engine from EEVEE to Cycles", "samples from 4096 to 32", "film to transparent", "view transform from AgX to Standard",
     ]  # fmt: skip
