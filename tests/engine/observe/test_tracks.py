@@ -13,6 +13,7 @@ from scipy.interpolate import RBFInterpolator
 
 from seeing_wind.engine.errors import UsageError
 from seeing_wind.engine.observe import observe
+from seeing_wind.engine.observe.steady import Steady
 from seeing_wind.engine.observe.tracks.anchor import align, cut_patches
 from seeing_wind.engine.observe.tracks.file import read_tracks
 from seeing_wind.engine.observe.tracks.neighbours import disagreement, predict
@@ -155,15 +156,15 @@ def test_track_files_refused(disc: Scene, tmp_path: Path, case: str) -> None:
     if case == "keys":
         del values["visible"]
     elif case == "rows":
-        values = {key: value[:5] for key, value in values.items()}
+        values = {key: value[:12] for key, value in values.items()}
     elif case == "shape":
         values["visible"] = np.ones((13, 3), bool)
     elif case == "nan":
-        xy[4, 1] = np.nan
+        xy[9, 1] = np.nan
     elif case == "sight":
         values["visible"] = np.where(np.eye(13, 4) > 0, np.nan, 1.0)
     elif case == "sigma":
-        values["sigma"][0, 0] = 0.0
+        values["sigma"][8, 0] = 0.0
     elif case == "off":
         xy[:] = [3.0, 3.0]
     path = tmp_path / "tracks.npz"
@@ -171,9 +172,11 @@ def test_track_files_refused(disc: Scene, tmp_path: Path, case: str) -> None:
         path.write_text("no arrays")
     elif case != "none":
         np.savez(path, **values)
+    settings, begun = ObserveSettings(box=disc.box, distance=1.0, tracks=str(path), frames=(8, 12)), list[Steady]()
     with pytest.raises(UsageError) as caught:
-        observe(disc.path, ObserveSettings(box=disc.box, distance=1.0, tracks=str(path), frames=(8, 12)), NoProgress())
+        observe(disc.path, settings, NoProgress(), ready=begun.append)
     assert caught.value.hint
+    assert bool(begun) == (case == "off")  # what needs no outline is told before there is one
 
 
 @pytest.mark.parametrize(

@@ -23,12 +23,40 @@ def read_tracks(
     """xy (T+1, K, 2) [px], visible (T+1, K) bool and sigma (T+1, K) [px] of the tracks that start on the object.
 
     Args:
-        path: NPZ; one row per frame of the chosen range, or of the whole file.
-        frames: T + 1, the frames of the range, which begins at `first_frame`.
-        mask: (H, W) bool, the object in frame 0.
+        mask: (H, W) bool, the object in frame 0; the others as of `checked_tracks`.
 
     Raises:
-        UsageError: unreadable, keys or shapes wrong, values not finite, or no track on the object.
+        UsageError: as `checked_tracks`, or no track on the object.
+    """
+    xy, visible, sigma = checked_tracks(path, frames, first_frame)
+    height, width = mask.shape
+    far = float(max(width, height))
+    nearest = np.round(np.clip(np.nan_to_num(xy[0], nan=-1.0, posinf=-1.0, neginf=-1.0), -1.0, far)).astype(int)
+    inside = (nearest >= 0).all(axis=1) & (nearest[:, 0] < width) & (nearest[:, 1] < height)
+    on = visible[0] & inside & mask[np.clip(nearest[:, 1], 0, height - 1), np.clip(nearest[:, 0], 0, width - 1)]
+    if not on.any():
+        raise UsageError(
+            "No track of --tracks is visible on the object in the first frame.", "Check the mask, and that pixels count from the top left."
+        )
+    if not on.all():
+        progress.warn(f"{int((~on).sum())} of {len(on)} tracks do not start on the object in the first frame and are left out.")
+    if on.sum() < FEW:
+        few = "One track tells" if on.sum() == 1 else f"{int(on.sum())} tracks tell"
+        progress.warn(f"{few} where the object is, not how it turns or bends. Give three or more that start on it.")
+    # An invisible point's place is never used; zero keeps arithmetic on whole arrays finite.
+    held = np.where(visible[..., None], xy, 0.0)
+    return held[:, on], visible[:, on], np.where(visible, sigma, SIGMA)[:, on]
+
+
+def checked_tracks(path: str, frames: int, first_frame: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """xy (T+1, K, 2) [px], visible (T+1, K) bool and sigma (T+1, K) [px] of all tracks of a file: what can be told before the object is.
+
+    Args:
+        path: NPZ; one row per frame of the chosen range, or of the whole file.
+        frames: T + 1, the frames of the range, which begins at `first_frame`.
+
+    Raises:
+        UsageError: unreadable, keys or shapes wrong, or values of visible points not finite.
     """
     xy, visible, sigma = load_tracks(path)
     if xy.ndim != 3 or xy.shape[2] != 2 or visible.shape != xy.shape[:2] or sigma.shape not in ((), xy.shape[:2]):
@@ -47,23 +75,7 @@ def read_tracks(
             f"{sigma[row, track]:g}.",
             "A visible point needs finite pixels and a sigma above 0: mark it as not visible where it has none.",
         )
-    height, width = mask.shape
-    far = float(max(width, height))
-    nearest = np.round(np.clip(np.nan_to_num(xy[0], nan=-1.0, posinf=-1.0, neginf=-1.0), -1.0, far)).astype(int)
-    inside = (nearest >= 0).all(axis=1) & (nearest[:, 0] < width) & (nearest[:, 1] < height)
-    on = visible[0] & inside & mask[np.clip(nearest[:, 1], 0, height - 1), np.clip(nearest[:, 0], 0, width - 1)]
-    if not on.any():
-        raise UsageError(
-            f"No track of {path} is visible on the object in the first frame.", "Check the mask, and that pixels count from the top left."
-        )
-    if not on.all():
-        progress.warn(f"{int((~on).sum())} of {len(on)} tracks do not start on the object in the first frame and are left out.")
-    if on.sum() < FEW:
-        few = "One track tells" if on.sum() == 1 else f"{int(on.sum())} tracks tell"
-        progress.warn(f"{few} where the object is, not how it turns or bends. Give three or more that start on it.")
-    # An invisible point's place is never used; zero keeps arithmetic on whole arrays finite.
-    held = np.where(visible[..., None], xy, 0.0)
-    return held[:, on], visible[:, on], np.where(visible, sigma, SIGMA)[:, on]
+    return xy, visible, sigma
 
 
 def load_tracks(path: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
