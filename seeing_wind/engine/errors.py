@@ -57,9 +57,16 @@ class ObjectError(SeeingWindError):
 
 
 class MaterialError(SeeingWindError):
-    """A material that is not in the library or whose numbers are not physical."""
+    """A material that is not in the library or whose numbers are not physical.
+
+    `quantity` is the property of the material that is out of its range, "" where it is none.
+    """
 
     exit_code = WRONG_INPUT
+
+    def __init__(self, message: str, hint: str = "", *, quantity: str = "") -> None:
+        super().__init__(message, hint)
+        self.quantity = quantity
 
 
 class ModelError(SeeingWindError):

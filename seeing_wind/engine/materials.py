@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from .conventions import constant, in_figures, in_units, lame
+from .conventions import constant, in_units, lame
 from .errors import MaterialError
 
 LAWS = ("neo_hookean", "corotated", "von_mises", "viscoplastic")
@@ -28,16 +28,20 @@ MODULI = (1e-3, 1e13)
 DENSITIES = (1e-3, 1e5)
 """kg/m³ between which densities lie: osmium has 2.3e4, the lightest aerogel 0.2."""
 
+RANGES = {
+    "density": ("The density", "kg/m³", DENSITIES),
+    "youngs_modulus": ("Young's modulus", "Pa", MODULI),
+    "yield_stress": ("The yield stress", "Pa", (0.0, MODULI[1])),
+    "viscosity": ("The viscosity", "Pa s", (0.0, MODULI[1])),
+}
+"""Properties of `Material` -> what a sentence calls them, unit, and the least and the most that they are."""
+
 LOSS_FREQUENCY = 2.0
 """Hz at which a loss factor holds. Real ones hardly change with the frequency, that of a Kelvin-Voigt solid grows with it: it is right for
 what sways about twice a second, as stems, branches and flags in a clip do."""
 
 MOST_LOSS = 2.0
 """Largest loss factor: a body that does not swing any more at its critical damping."""
-
-
-
-
 
 DEFAULT = "leaf"
 """The material of an object of which nothing is said."""
@@ -135,9 +139,11 @@ class Sheet:
                 what = key.replace("_", " ")
                 raise MaterialError(f"The {what} of a sheet is {in_units(value, unit)}.", "Give a finite number above zero.")
         if not 0.0 <= self.loss_factor <= MOST_LOSS:
-            raise MaterialError(f"The loss factor of a sheet is {self.loss_factor:g}.", f"Give from zero to {MOST_LOSS:g}.")
+            said = f"The loss factor of a sheet is {self.loss_factor:g}."
+            raise MaterialError(said, f"Give from zero to {MOST_LOSS:g}.", quantity="loss_factor")
         if not 0.0 <= self.poisson_ratio < 0.5:
-            raise MaterialError(f"Poisson's ratio of a sheet is {self.poisson_ratio:g}.", "Give one from 0 to below 0.5.")
+            said = f"Poisson's ratio of a sheet is {self.poisson_ratio:g}."
+            raise MaterialError(said, "Give one from 0 to below 0.5.", quantity="poisson_ratio")
 
     @property
     def bending_length(self) -> float:
@@ -251,23 +257,16 @@ def _check(material: Material) -> None:
     for key in ("density", "youngs_modulus", "poisson_ratio", "yield_stress", "viscosity", "loss_factor"):
         if not math.isfinite(getattr(material, key)):
             raise MaterialError(f"{key} of {material.name} is not finite.", "Give a finite number in SI units.")
-    for what, value, unit, (least, most) in (
-        ("The density", material.density, "kg/m³", DENSITIES),
-        ("Young's modulus", material.youngs_modulus, "Pa", MODULI),
-    ):
+    for key, (what, unit, (least, most)) in RANGES.items():
+        value = getattr(material, key)
         if not least <= value <= most:
             hint = f"Give one from {in_units(least, unit)} to {in_units(most, unit)}."
-            raise MaterialError(f"{what} of {material.name} is {in_units(value, unit)}.", hint)
+            raise MaterialError(f"{what} of {material.name} is {in_units(value, unit)}.", hint, quantity=key)
     if not -1.0 < material.poisson_ratio < 0.5:
         raise MaterialError(
             f"Poisson's ratio of {material.name} is {material.poisson_ratio:g}.",
             "It lies between -1 and 0.5, both excluded; use 0.48 for rubber and flesh.",
-        )
-    if not (0.0 <= material.yield_stress <= MODULI[1] and 0.0 <= material.viscosity <= MODULI[1]):
-        raise MaterialError(
-            f"Yield stress or viscosity of {material.name} is {in_units(material.yield_stress, 'Pa')} or "
-            f"{in_figures(material.viscosity)} Pa s.",
-            f"Give from zero to {in_units(MODULI[1], 'Pa')}.",
+            quantity="poisson_ratio",
         )
     if not 0.0 <= material.loss_factor <= MOST_LOSS:
         raise MaterialError(f"The loss factor of {material.name} is {material.loss_factor:g}.", f"Give from zero to {MOST_LOSS:g}.")

@@ -92,8 +92,12 @@ def test_wrong_values_are_refused(tmp_path: Path, wrong: dict[str, Any]) -> None
 @pytest.mark.parametrize(
     ("wrong", "says"),
     [
-        ({"E": 1e20}, "t.npz: Young's modulus of trajectories is 100,000,000,000 GPa."),
-        ({"rho": 1e9, "material": "rubber"}, "t.npz: The density of rubber is 1,000,000,000 kg/m³."),
+        ({"E": 1e20}, "t.npz: E, Young's modulus, is 1e+20 Pa."),
+        ({"E": 1e-5, "material": "rubber"}, "t.npz: E, Young's modulus, is 1e-05 Pa."),
+        ({"rho": 1e9, "material": "rubber"}, "t.npz: rho, the density, is 1e+09 kg/m³."),
+        ({"nu": 0.5}, "t.npz: nu, Poisson's ratio, is 0.5."),
+        ({"yield_stress": 1e14}, "t.npz: yield_stress is 1e+14 Pa."),
+        ({"yield_stress": -1.0}, "t.npz: yield_stress is -1 Pa."),
         ({"covariance": -np.eye(3) * 1e-6}, "-0.0, -1e-06]] m², which has the negative eigenvalue -1e-06."),
         ({"covariance": 1e-6 * np.eye(3) + np.where(np.arange(27) == 26, np.nan, 0.0)[:, None, None]}, "covariance of point 26 is [[nan"),
         ({"covariance": 1e-6 * np.triu(np.ones((3, 3)))}, "which is not symmetric"),

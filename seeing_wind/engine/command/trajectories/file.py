@@ -20,6 +20,11 @@ ACROSS = (5e-4, 50.0)
 tallest trees but a few."""
 NUMBERS = {"density": "rho", "youngs_modulus": "E", "poisson_ratio": "nu"}
 """Properties of `Material` -> keys of the file."""
+MEANT = {
+    "rho": ("the density", "kg/m³"), "E": ("Young's modulus", "Pa"), "nu": ("Poisson's ratio", ""), "yield_stress": ("", "Pa"),
+    "areal_density": ("", "kg/m²"), "thickness": ("", "m"), "damping": ("the loss factor", ""),
+}  # fmt: skip
+"""Keys of the file that are numbers of a material -> what they are, where their name does not say it, and their unit."""
 STRONGEST = 1e4
 """Gravity [m/s²] along an axis at most, as of `RecoverSettings.gravity`."""
 READ = ("x", "fps", "rho", "E", "nu", "yield_stress", "fixed", "gravity", "visible", "sigma", "covariance", "material")
@@ -164,3 +169,9 @@ def number_in(value: np.ndarray, key: str, path: str | os.PathLike[str]) -> floa
     if not np.isfinite(numbers).all():
         raise UsageError(f"{path}: {key} is {numbers.item()}, which is not finite.", "Give a finite number in SI units.")
     return float(numbers.item())
+
+
+def as_stated(key: str, value: float, path: str | os.PathLike[str]) -> str:
+    """The sentence that says what the file has under a key of `MEANT`, in the file's own unit."""
+    what, unit = MEANT[key]
+    return f"{path}: {key}, {what}, is {value:g} {unit}".replace(", ,", "").rstrip() + "."

@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
+import math
 import os
 from typing import Any
 
 import numpy as np
 
-from ...conventions import in_units
 from ...errors import MaterialError, UsageError
 from ...materials import adjust, find
 from ...records import Material
-from .file import NUMBERS, number_in
+from .file import NUMBERS, as_stated, number_in
 
 DENSITY, POISSON_RATIO = 300.0, 0.3
 """Of a body whose file does not say [kg/m³]: those of foam. The stiffness is not guessed: forces that bend go with it."""
 STAND_IN = 1e5
 """Young's modulus [Pa] until an option's takes its place."""
+UNIAXIAL = math.sqrt(1.5)
+"""Yield stress of `Material` over a file's."""
+KEYS = {**NUMBERS, "yield_stress": "yield_stress"}
+"""Properties of `Material` -> keys of the file."""
 BEHAVIOURS = ("elastic", "elastoplastic")
 """What simulators write as `material` and is no material: the law is that of `yield_stress`."""
 
@@ -32,8 +36,8 @@ def material_of(
     stated: dict[str, Any] = {name: number_in(values[key], key, path) for name, key in NUMBERS.items() if key in values}
     norm = number_in(values.get("yield_stress", np.zeros(())), "yield_stress", path)
     if norm < 0.0:
-        raise MaterialError(f"{path}: yield_stress is {in_units(norm, 'Pa')}.", "It must not be negative; zero is an elastic body.")
-    yield_stress = float(np.sqrt(1.5)) * norm
+        raise MaterialError(as_stated("yield_stress", norm, path), "It must not be negative; zero is an elastic body.")
+    yield_stress = UNIAXIAL * norm
     if yield_stress != 0.0:
         stated["yield_stress"] = yield_stress
     if preset is not None:
@@ -66,12 +70,15 @@ def material_of(
 
 
 def _of_file(path: str | os.PathLike[str], material: Material, stated: dict[str, Any]) -> Material:
-    """The material with what the file states of it; MaterialError with the file's name and keys for numbers that are not physical."""
+    """The material with what the file states of it; MaterialError with the file's name, and its key for a number out of its range."""
     try:
         return adjust(material, **stated)
     except MaterialError as error:
-        keys = "Keys of the file: E, Young's modulus in Pa; rho, the density in kg/m³; nu, Poisson's ratio; yield_stress in Pa."
-        raise MaterialError(f"{path}: {error.message}", f"{error.hint} {keys}") from error
+        if error.quantity not in KEYS:
+            raise MaterialError(f"{path}: {error.message}", error.hint) from error
+        value = stated.get(error.quantity, getattr(material, error.quantity))
+        norm = value / UNIAXIAL if error.quantity == "yield_stress" else value
+        raise MaterialError(as_stated(KEYS[error.quantity], norm, path), error.hint) from error
 
 
 def _library_material(values: dict[str, np.ndarray], path: str | os.PathLike[str]) -> Material | None:

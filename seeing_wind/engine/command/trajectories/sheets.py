@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...conventions import in_units
 from ...errors import MaterialError, ObjectError, UsageError
-from ...materials import PLASTIC_LAWS, SHEETS, Material, Sheet, find
+from ...materials import MODULI, PLASTIC_LAWS, SHEETS, Material, Sheet, find
 from ...progress import Journal, Progress
 from ...reading import array_names
 from ...records import Outcome
@@ -22,7 +23,7 @@ from ..arguments import properties_of, settings_of
 from ..inputs import inputs_of
 from ..lock import held
 from ..reporting import report_result
-from .file import SHEET_KEYS, gravity_of, motion_of, number_in, size_note, values_of
+from .file import SHEET_KEYS, as_stated, gravity_of, motion_of, number_in, size_note, values_of
 
 if TYPE_CHECKING:
     from ...recovery.wind.sheet import SheetSeen
@@ -156,13 +157,18 @@ def _sheet(
             raise UsageError(f"{path} has faces but lacks {', '.join(missing)}.", needed)
         read = {key: number_in(values[key], key, path) for key in ("areal_density", "thickness", "E") if key in values}
         for key, value in read.items():
-            if value <= 0.0:
-                raise MaterialError(f"{path}: {key} is {value:g}.", "Give a number above zero: kg/m², m and Pa.")
+            if value <= 0.0 or (key == "E" and value > MODULI[1]):
+                most = f" and at most {in_units(MODULI[1], 'Pa')}" if key == "E" else ""
+                raise MaterialError(as_stated(key, value, path), f"Give a number above zero{most}.")
         areal, thickness = read["areal_density"], read["thickness"]
         modulus = read["E"] if "E" in read else given["youngs_modulus"]
         nu = number_in(values["nu"], "nu", path) if "nu" in values else POISSON_RATIO
         loss = number_in(values["damping"], "damping", path) if "damping" in values else 0.0
-        sheet = Sheet(areal, thickness, modulus * thickness, modulus * thickness**3 / 12.0, loss, nu, "from the file")
+        try:
+            sheet = Sheet(areal, thickness, modulus * thickness, modulus * thickness**3 / 12.0, loss, nu, "from the file")
+        except MaterialError as error:
+            wrong = {"poisson_ratio": ("nu", nu), "loss_factor": ("damping", loss)}.get(error.quantity)
+            raise MaterialError(as_stated(*wrong, path) if wrong else f"{path}: {error.message}", error.hint) from error
         if "nu" not in values and "poisson_ratio" not in given:
             notes.append(f"The file lacks nu ({POISSON_RATIO:g}), and no option gives it: assumed.")
     own = sheet.with_own(given.get("density"), given.get("youngs_modulus"), given.get("poisson_ratio"))
