@@ -27,11 +27,15 @@ edit = "edit.toml"
 save = "out/leaf.blend"
 """
 
+VIEW = '[[job]]\ntake = "t"\nclip = "clip.mp4"\nrecover = { view = ["side.mp4", "side.json", "side.png"] }'
+
 
 @pytest.fixture
 def workplace(tmp_path: Path) -> Path:
     """Files that the jobs name."""
     (tmp_path / "clip.mp4").write_bytes(b"a clip")
+    for ending in ("mp4", "json", "png"):
+        (tmp_path / f"side.{ending}").write_bytes(b"of a further view")
     (tmp_path / "edit.toml").write_text('[[body]]\nname = "leaf"\nmesh = "recovered"\n')
     (tmp_path / "jobs.toml").write_text(FULL)
     return tmp_path
@@ -206,11 +210,17 @@ def test_options_become_words(workplace):
         ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nrender = "a.avi"', "a.avi cannot be written"),
         ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nrecover = { material = "leef" }', "no material 'leef'"),
         ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nrecover = { mask = "m.png" }', "mask of job 1: there is no file"),
+        (VIEW.replace("side.json", "none.json"), r"view of job 1: there is no file \S*none\.json"),
+        (VIEW.replace("side.mp4", "none.mp4"), r"view of job 1: there is no file \S*none\.mp4"),
+        (VIEW.replace('view = ["side.mp4", ', "view = ["), r"view in recover of job 1 is \['side.json', 'side.png'\]"),
+        ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nrecover = { objects = "none.json" }', "objects of job 1: there is no file"),
+        ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nrecover = { body = "none.take" }', "body of job 1: there is no folder"),
+        ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nsave = "a.blend.zip"', "save of job 1: a.blend.zip cannot be saved"),
         ('[[job]]\ntake = "t"\nclip = "shot_%04d.png"', "there are no images"),
         ('[[job]]\ntake = 3\nclip = "clip.mp4"', "no text"),
         ('[[job]]\nname = "a"\ntake = "t"\nclip = "clip.mp4"\n[[job]]\nname = "a"\ntake = "u"\nclip = "clip.mp4"', "Two jobs"),
         ('[[job]]\ntake = "t"\nclip = "clip.mp4"\n[[job]]\ntake = "t"\nclip = "edit.toml"', "job 1 and job 2 recover different"),
-        ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nsave = "a"\n[[job]]\ntake = "u"\nclip = "clip.mp4"\nsave = "a"', "both write"),
+        ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nsave = "a.blend"\n[[job]]\ntake = "u"\nclip = "clip.mp4"\nsave="a.blend"', "both write"),
     ],
 )
 def test_wrong_files_are_refused_before_anything_is_done(workplace, text, says):
@@ -226,6 +236,39 @@ def test_a_file_that_a_job_above_makes_need_not_be_there(workplace: Path) -> Non
     (workplace / "jobs.toml").write_text(below + TABLE.format("a"))
     with pytest.raises(UsageError, match="pin of b: there is no file"):
         read_jobs(workplace / "jobs.toml")
+
+
+def test_further_views_are_found_from_the_file_of_jobs(workplace: Path) -> None:
+    side = [str(workplace / f"side.{ending}") for ending in ("mp4", "json", "png")]
+    two = VIEW.replace("view = [", "view = [[").replace("] }", '], ["side.mp4", "side.json", "side.png"]] }')
+    for text, count in ((VIEW, 1), (two, 2)):
+        (workplace / "jobs.toml").write_text(text)
+        (job,) = read_jobs(workplace / "jobs.toml")
+        assert job.calls()[0][4:] == ["--view", *side] * count
+    before = job.digest()
+    (workplace / "side.png").write_bytes(b"drawn once more, larger")
+    assert job.digest() != before
+    (workplace / "side.mp4").unlink()
+    (workplace / "shots").mkdir()
+    (workplace / "jobs.toml").write_text(VIEW.replace("side.mp4", "shots"))
+    with pytest.raises(UsageError, match="view of job 1: there is no file"):
+        read_jobs(workplace / "jobs.toml")
+    (workplace / "shots" / "0.png").touch()
+    assert len(read_jobs(workplace / "jobs.toml")) == 1
+
+
+def test_a_body_may_be_that_of_a_job_above(workplace: Path) -> None:
+    (workplace / "jobs.toml").write_text(TABLE.format("a") + TABLE.format("b") + 'recover = { body = "a.take" }\n')
+    assert read_jobs(workplace / "jobs.toml")[1].calls()[0][4:] == ["--body", str(workplace / "a.take")]
+
+
+def test_a_list_of_objects_is_read_before_any_job_is_begun(workplace: Path) -> None:
+    (workplace / "objects.json").write_text('{"objects": [{"name": "leaf"}]}')
+    (workplace / "jobs.toml").write_text(TABLE.format("first") + TABLE.format("all") + 'recover = { objects = "objects.json" }\n')
+    plain = argparse.Namespace(jobs=workplace / "jobs.toml", ray=None, shared=False, attempts=None, openjd=None, again=False)
+    with pytest.raises(UsageError, match="^all: .*objects.json: of object 1 is missing, or of another kind: object, material, mask"):
+        batch(plain, NoProgress())
+    assert not (workplace / "first.take").exists()
 
 
 def test_a_job_s_options_name_no_other_take(workplace: Path) -> None:

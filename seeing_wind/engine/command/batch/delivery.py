@@ -12,7 +12,7 @@ from ...progress import Progress
 from ...settings.tables import names_in
 from ...take import Take
 from .. import lock
-from .jobs import FILES, Job
+from .jobs import FOLDERS, Job
 from .node import Order
 
 LEFT_HERE = {"report.png", "overlay.mp4"}
@@ -26,14 +26,14 @@ def order_of(job: Job, threads: int, shared: bool) -> Order:
         UsageError: when the job names files in a way that cannot be shipped.
     """
     named = [job.take, job.edit_take, job.source, job.edit]
-    paths = [str(path) for path in named if path is not None] + [str(job.recover[key]) for key in sorted(FILES & job.recover.keys())]
+    paths = [str(path) for path in (*named, *(file for _, file in job.named_files())) if path is not None]
     if not shared:
         _check_shippable(job)
     return Order(job.calls(), [str(take) for take in job.takes()], paths, threads, shared)
 
 
 def _check_shippable(job: Job) -> None:
-    for option in sorted({"objects", "view"} & job.recover.keys()):
+    for option in sorted({"objects", "view", *FOLDERS} & job.recover.keys()):
         raise UsageError(f"The files of {option} in {job.name} cannot be shipped.", "Put the batch on a shared folder and add --shared.")
     for name in names_in(job.edit):
         if Path(name).is_absolute():

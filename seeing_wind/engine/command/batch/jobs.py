@@ -26,17 +26,19 @@ from typing import Any
 from ...conventions import image_files
 from ...errors import MaterialError, TakeError, UsageError
 from ...materials import find
-from ...settings import ObserveSettings, options_of
+from ...settings import ObserveSettings, RecoverSettings, options_of
 from ...settings.tables import names_in, read_users_toml, tables_of
 
 SOURCES = ("clip", "trajectories")
 FILES = {"objects", *(one.name for one in options_of(ObserveSettings).values() if one.file)}
-"""Options of `recover` that are paths."""
+"""Options of `recover` that are paths of files,"""
+FOLDERS = {one.name for one in options_of(RecoverSettings).values() if one.folder}
+"""and of folders."""
 SWITCHES = {"no_gravity"}
 """Those that take no value."""
 FIELD = "field.safetensors"
-VIDEO = ".mp4"
-"""Ending of what Blender renders, H.264 in MP4 (`ui.composite.own.set_output`)."""
+VIDEO, SCENE = ".mp4", ".blend"
+"""Endings of what Blender renders, H.264 in MP4 (`ui.composite.own.set_output`), and of what it saves."""
 
 
 @dataclass(frozen=True)
@@ -81,13 +83,16 @@ class Job:
         """The files that it reads, those that are there."""
         found = [self.source, self.edit, *(file for _, file in self.named_files())]
         found += [self.edit.parent / name for name in names_in(self.edit)] if self.edit is not None else []
-        if self.clip is not None and _is_sequence(self.clip):
-            found += sorted((self.clip if self.clip.is_dir() else self.clip.parent).iterdir())
+        for clip in (self.clip, *(Path(view[0]) for view in self.recover.get("view", ()))):
+            if clip is not None and _is_sequence(clip):
+                found += sorted((clip if clip.is_dir() else clip.parent).iterdir())
         return [path for path in found if path is not None and path.is_file()]
 
     def named_files(self) -> list[tuple[str, Path]]:
-        """The files that the options of `recover` name, each with its option."""
-        return [(key, Path(self.recover[key])) for key in sorted(FILES & self.recover.keys()) if isinstance(self.recover[key], str)]
+        """The files and folders that the options of `recover` name, each with its option."""
+        keys = sorted((FILES | FOLDERS) & self.recover.keys())
+        named = [(key, Path(self.recover[key])) for key in keys if isinstance(self.recover[key], str)]
+        return named + [("view", Path(word)) for view in self.recover.get("view", ()) for word in view]
 
     def takes_made(self) -> bool:
         """Whether its takes are there, and the re-simulation is that of its own edit."""
@@ -136,8 +141,8 @@ def read_jobs(path: Path) -> list[Job]:
     """The jobs of a file.
 
     Raises:
-        UsageError: no such file, no TOML, no jobs, an unknown key or material, a missing file, an ending that cannot be rendered, two
-            jobs of one name or with one result.
+        UsageError: no such file, no TOML, no jobs, an unknown key or material, a missing file, an ending that cannot be rendered or
+            saved, two jobs of one name or with one result.
     """
     values, hint = read_users_toml(path, "The file of jobs"), "See docs/guide/batch-and-farm.md for what belongs in it."
     tables = tables_of(values, "job", f"The file of jobs {path}", hint)
@@ -156,8 +161,8 @@ def _check_together(jobs: list[Job]) -> None:
     made: list[Path] = []
     for job in jobs:
         for key, file in job.named_files():
-            if not file.is_file() and not any(take in file.parents for take in made):
-                raise UsageError(f"{key} of {job.name}: there is no file {file}.", RELATIVE)
+            if not _is_there(key, file) and not any(take in (file, *file.parents) for take in made):
+                raise UsageError(f"{key} of {job.name}: there is no {'folder' if key in FOLDERS else 'file'} {file}.", RELATIVE)
         made += job.takes()
         if names.count(job.name) > 1:
             raise UsageError(f"Two jobs are named {job.name}.", "Give each a name of its own.")
@@ -202,7 +207,7 @@ def _job(table: dict[str, Any], number: int, path: Path) -> Job:
     if "trajectories" in table and "render" in table:
         raise UsageError(f"{name} has trajectories and a render, which goes over a clip.", "Save a .blend file and render that.")
     home = path.resolve().parent
-    paths = {key: Path(os.path.abspath(home / os.path.expanduser(table[key]))) for key in PATHS & table.keys()}
+    paths = {key: Path(_beside(home, table[key])) for key in PATHS & table.keys()}
     for key in (*SOURCES, "edit"):
         if key in paths and not paths[key].is_file() and not (key == "clip" and _is_sequence(paths[key])):
             raise UsageError(f"{key} of {name}: there is no file {paths[key]}.", RELATIVE)
@@ -210,6 +215,8 @@ def _job(table: dict[str, Any], number: int, path: Path) -> Job:
         raise UsageError(f"clip of {name}: there are no images {paths['clip']}.", RELATIVE)
     if "render" in paths and paths["render"].suffix.lower() != VIDEO:
         raise UsageError(f"render of {name}: {paths['render'].name} cannot be written.", f"Blender renders a video: let it end in {VIDEO}.")
+    if "save" in paths and paths["save"].suffix != SCENE:
+        raise UsageError(f"save of {name}: {paths['save'].name} cannot be saved.", f"Blender saves its own files: let it end in {SCENE}.")
     if isinstance(options.get("material"), str):
         try:
             find(options["material"])
@@ -217,8 +224,33 @@ def _job(table: dict[str, Any], number: int, path: Path) -> Job:
             raise UsageError(f"material of {name}: {error.message}", error.hint) from error
     if "edit" in paths:
         paths.setdefault("edit_take", paths["take"].with_name(f"{paths['take'].name.removesuffix('.take')}.edit.take"))
-    options = {key: os.path.abspath(home / value) if key in FILES and isinstance(value, str) else value for key, value in options.items()}
+    named = FILES | FOLDERS
+    options = {key: _beside(home, value) if key in named and isinstance(value, str) else value for key, value in options.items()}
+    if "view" in options:
+        options["view"] = [[_beside(home, word) for word in view] for view in _views(options["view"], name)]
     return Job(name=name, recover=options, **paths)
+
+
+def _beside(home: Path, path: str) -> str:
+    """A path of the jobs' file, which lies in `home`, as an absolute one."""
+    return os.path.abspath(home / os.path.expanduser(path))
+
+
+def _views(value: Any, name: str) -> list[list[str]]:
+    """The further views of the job `name`, each with its clip, camera and mask: a list of them, or one alone."""
+    views = value if isinstance(value, list) and all(isinstance(view, list) for view in value) else [value]
+    for view in views:
+        if not isinstance(view, list) or len(view) != 3 or not all(isinstance(word, str) and word for word in view):
+            hint = 'Write ["CLIP2", "CAMERA2.json", "MASK2.png"], or a list of several such lists.'
+            raise UsageError(f"view in recover of {name} is {value!r}.", hint)
+    return views
+
+
+def _is_there(key: str, path: Path) -> bool:
+    """Whether what the option `key` names can be read: a file, a folder, or the images of a further view."""
+    if key in FOLDERS:
+        return path.is_dir()
+    return path.is_file() or (key == "view" and _is_sequence(path) and bool(image_files(str(path))))
 
 
 def _words(options: dict[str, Any]) -> list[str]:
@@ -227,7 +259,11 @@ def _words(options: dict[str, Any]) -> list[str]:
     for key, value in options.items():
         if value is False:
             continue
-        words.append(f"--{key.replace('_', '-')}")
+        flag = f"--{key.replace('_', '-')}"
+        if key == "view":
+            words += [word for view in value for word in (flag, *view)]
+            continue
+        words.append(flag)
         if value is not True:
             words += [str(each) for each in (value if isinstance(value, list) else [value])]
     return words

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import re
 from pathlib import Path
 from typing import Any
@@ -54,7 +55,7 @@ def batch(arguments: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 
 
 def _check(job: Job) -> None:
-    """Refuse a job whose options or edit the engine would refuse, before any job is begun."""
+    """Refuse a job whose options, edit or list of objects the engine would refuse, before any job is begun."""
     from ..arguments import parser
 
     try:
@@ -62,6 +63,11 @@ def _check(job: Job) -> None:
             parser().parse_args(call)
         if job.edit is not None:
             read_edit(job.edit)
+        listed = job.recover.get("objects")
+        if isinstance(listed, str) and os.path.isfile(listed):  # else a job above makes it
+            from ...observe.models.objects import read_objects
+
+            read_objects(listed)
     except UsageError as error:
         raise UsageError(f"{job.name}: {error.message}", error.hint) from error
 

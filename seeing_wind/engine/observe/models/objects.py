@@ -3,6 +3,7 @@ masks by type, assignment of pixels to one object each."""
 
 from __future__ import annotations
 
+import os
 import re
 import shlex
 from dataclasses import asdict, dataclass
@@ -145,7 +146,7 @@ def read_objects(path: str) -> list[dict[str, Any]]:
     """What `write_objects` listed, checked.
 
     Raises:
-        UsageError: no such file, or one of another kind.
+        UsageError: no such file, one of another kind, or a mask that is not there.
     """
     advice = "Give the objects.json that `identify` writes."
     try:
@@ -161,6 +162,9 @@ def read_objects(path: str) -> list[dict[str, Any]]:
         wrong += [key for key in numbers if one.get(key, "") is not None and not isinstance(one.get(key), (int, float))]
         if wrong:
             raise UsageError(f"{path}: of object {number} is missing, or of another kind: {', '.join(wrong)}.", advice)
+        if not os.path.isfile(one["mask"]):
+            hint = "Run `identify` again, or correct the path; it counts from the folder in which `recover` is run."
+            raise UsageError(f"{path}: the mask of object {number}, {one['mask']}, is no file.", hint)
         if not re.fullmatch(r"[A-Za-z0-9_-]+", one["name"]) or one["name"].upper() in RESERVED:
             raise UsageError(f"{path}: the name of object {number}, {one['name'][:40]!r}, cannot be a file's name.", advice)
     names = [one["name"] for one in listed]

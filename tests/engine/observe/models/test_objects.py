@@ -165,9 +165,20 @@ def test_lists_of_objects_that_are_none(tmp_path: Path, text: str | None) -> Non
 
 
 def test_an_object_s_take_must_be_a_folder_on_every_system(tmp_path: Path) -> None:
-    one = {"name": "NUL", "object": "leaf", "material": "leaf", "mask": "m.png", "law": "neo_hookean"} | dict.fromkeys(RANGES)
+    (tmp_path / "m.png").touch()
+    mask = str(tmp_path / "m.png")
+    one = {"name": "NUL", "object": "leaf", "material": "leaf", "mask": mask, "law": "neo_hookean"} | dict.fromkeys(RANGES)
     (tmp_path / "objects.json").write_text(json.dumps({"objects": [one]}))
     with pytest.raises(UsageError, match="the name of object 1, 'NUL', cannot be"):
         read_objects(str(tmp_path / "objects.json"))
     (tmp_path / "objects.json").write_text(json.dumps({"objects": [one | {"name": "null"}]}))
     assert read_objects(str(tmp_path / "objects.json"))[0]["name"] == "null"
+
+
+def test_a_mask_that_is_gone_is_told_before_the_first_object_is_recovered(tmp_path: Path) -> None:
+    (tmp_path / "a.png").touch()
+    one = {"name": "a", "object": "leaf", "material": "leaf", "mask": str(tmp_path / "a.png"), "law": "neo_hookean"} | dict.fromkeys(RANGES)
+    gone = one | {"name": "b", "mask": str(tmp_path / "b.png")}
+    (tmp_path / "objects.json").write_text(json.dumps({"objects": [one, gone]}))
+    with pytest.raises(UsageError, match=r"the mask of object 2, \S*b\.png, is no file"):
+        read_objects(str(tmp_path / "objects.json"))
