@@ -33,7 +33,7 @@ os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 
 from .command import cancelling  # noqa: E402
 from .command.arguments import parser  # noqa: E402
-from .errors import CANCELLED, DONE_WITH_WARNINGS, FAILED, MissingPackage, SeeingWindError  # noqa: E402
+from .errors import CANCELLED, DONE_WITH_WARNINGS, FAILED, NO_PATH, MissingPackage, SeeingWindError, UsageError  # noqa: E402
 from .progress import Cancelled, Progress  # noqa: E402
 from .records import Outcome  # noqa: E402
 
@@ -106,10 +106,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except OSError as error:
         if error.errno not in OUTSIDE:
             traceback.print_exc()
-        return _failed(
-            protocol,
-            SeeingWindError(f"{error.strerror or error}: {error.filename or ''}".rstrip(": ") + ".", "Check the path and the disk."),
-        )
+        kind = UsageError if error.errno in NO_PATH else SeeingWindError
+        said = f"{error.strerror or error}: {error.filename or ''}".rstrip(": ")
+        return _failed(protocol, kind(f"{said}.", "Check the path and the disk."))
     except Exception as error:  # the last resort: the log has the traceback, the user a sentence
         if out_of_memory(error):
             return _failed(protocol, SeeingWindError("Out of memory.", "Use fewer particles or fewer frames."))

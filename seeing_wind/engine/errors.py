@@ -6,14 +6,19 @@ two it was, and so which exit code the command line returns.
 
 from __future__ import annotations
 
+import errno
+
 FAILED = 1
 """Exit code of a job that could not do its work with what it was given: a full disk, a missing package, a simulation that breaks down."""
 WRONG_INPUT = 2
-"""Exit code where what was given cannot be used, whenever that is found: options, a file, the clip, or the object in it."""
+"""Exit code where what was given cannot be used, whenever that is found: options, a file, a damaged take, the clip, or the object
+in it."""
 DONE_WITH_WARNINGS = 3
 """Exit code of a job whose result is there, but not every image or video of it, or is not to be trusted: its `warnings` say which."""
 CANCELLED = 130
 """Exit code after a cancel, as a shell reports SIGINT."""
+NO_PATH = (errno.ENOTDIR, errno.EEXIST, errno.ENAMETOOLONG, errno.ELOOP)
+"""Errors of the system for a path that can be none: it leads through a file or in a circle, or is too long."""
 
 
 class SeeingWindError(Exception):
@@ -86,6 +91,12 @@ class SimulationError(SeeingWindError):
 
 class TakeError(SeeingWindError):
     """A take that cannot be read or written, or is in use."""
+
+
+class WrongTake(TakeError):
+    """A take or a path that was given and cannot be used: damaged, of another version, or with something else in the place of a file."""
+
+    exit_code = WRONG_INPUT
 
 
 def extra(name: str) -> str:

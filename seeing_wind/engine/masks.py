@@ -9,9 +9,9 @@ from typing import overload
 
 import numpy as np
 
-from .errors import TakeError
+from .errors import WrongTake
 
-DAMAGED = TakeError("The take's masks are damaged.", "Run `recover` again.")
+DAMAGED = WrongTake("The take's masks are damaged.", "Run `recover` again.")
 
 
 @dataclass(frozen=True)
@@ -19,7 +19,7 @@ class Masks:
     """Masks (T+1, H, W) of one object, read like an array of bool: `masks[t]` is a mask (H, W) that the caller owns.
 
     Raises:
-        TakeError: parts that contradict each other (a damaged take).
+        WrongTake: parts that contradict each other (a damaged take).
     """
 
     height: int

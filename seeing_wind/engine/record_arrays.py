@@ -10,7 +10,7 @@ from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
 import numpy as np
 
-from .errors import TakeError
+from .errors import WrongTake
 from .reading import check_record, parse_json
 from .records import Body, Recovery
 from .take import Take
@@ -39,7 +39,7 @@ def from_arrays(cls: type[R], arrays: dict[str, np.ndarray], prefix: str = "") -
     """The inverse of `to_arrays`.
 
     Raises:
-        TakeError: when a field is missing (a take of another version), or is not what `to_arrays` writes or does not fit the others (a
+        WrongTake: when a field is missing (a take of another version), or is not what `to_arrays` writes or does not fit the others (a
             damaged take).
     """
     hints: dict[str, Any] = get_type_hints(cls)
@@ -52,19 +52,19 @@ def from_arrays(cls: type[R], arrays: dict[str, np.ndarray], prefix: str = "") -
         elif key not in arrays and field.default is not dataclasses.MISSING:
             continue  # a take from before the field was there
         elif key not in arrays:
-            raise TakeError(f"The take lacks {key}.", "It was written by another version: run `recover` again.")
+            raise WrongTake(f"The take lacks {key}.", "It was written by another version: run `recover` again.")
         elif np.ndarray in (kind, *get_args(kind)) and arrays[key].dtype.kind != "U":  # None is JSON
             values[field.name] = arrays[key]
         else:
             try:
                 values[field.name] = _plain(str(arrays[key]), kind)
             except ValueError as error:
-                raise TakeError(f"The take's {key} cannot be read: {error}.", "It is damaged: run `recover` again.") from error
+                raise WrongTake(f"The take's {key} cannot be read: {error}.", "It is damaged: run `recover` again.") from error
     record = cls(**values)
     try:
         check_record(record)
     except ValueError as error:
-        raise TakeError(f"The take's {error}.", "It is damaged: run `recover` again.") from error
+        raise WrongTake(f"The take's {error}.", "It is damaged: run `recover` again.") from error
     return record
 
 
@@ -90,7 +90,7 @@ def _fits(value: Any, kind: Any) -> bool:
 
 
 def read_body(take: Take) -> Body:
-    """The body of a take. Raises TakeError where the take has none (recovered from trajectories)."""
+    """The body of a take. Raises WrongTake where the take has none (recovered from trajectories)."""
     return from_arrays(Body, take.read_arrays("particles.npz"))
 
 

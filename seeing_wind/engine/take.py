@@ -24,7 +24,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from . import systems
-from .errors import TakeError, UsageError
+from .errors import NO_PATH, TakeError, UsageError, WrongTake
 from .progress import Progress
 from .reading import LARGEST_TAKE, read_arrays, read_json, read_toml
 from .settings import toml_text
@@ -67,7 +67,7 @@ class Take:
         """Make the folder and see that it can be written, before hours of work are to be kept in it.
 
         Raises:
-            TakeError: when it cannot. UsageError: it is a file.
+            TakeError: when it cannot. WrongTake: the path is none. UsageError: it is a file.
         """
         if systems.too_long(self.path, LONGEST_NAME):
             raise TakeError(
@@ -81,18 +81,8 @@ class Take:
             with tempfile.TemporaryFile(dir=self.path):
                 pass
         except OSError as error:
-            raise TakeError(f"{self.path} cannot be written: {error.strerror or error}.", "Choose another folder with --take.") from error
-
-    @staticmethod
-    def refuse_result(path: Path) -> None:
-        """Refuse to write to `path` what a user asked for, if that is a file of some take: one that stages have stamped, or with a field.
-
-        Raises:
-            UsageError: then.
-        """
-        is_take = any((path.parent / name).is_file() for name in ("take.toml", "field.safetensors"))
-        if is_take and RESULTS.fullmatch(path.name):
-            raise UsageError(f"{path} is a file of the take {path.parent}.", "Give --out another name.")
+            kind = WrongTake if error.errno in NO_PATH else TakeError
+            raise kind(f"{self.path} cannot be written: {error.strerror or error}.", "Choose another folder with --take.") from error
 
     def clear_leftovers(self) -> None:
         """Remove what processes that are dead by now were writing."""
@@ -109,8 +99,8 @@ class Take:
         The neighbour keeps the file's suffix (writers such as FFmpeg choose the format by it). A link to a file is itself replaced.
 
         Raises:
-            TakeError: when the folder cannot be written, the disk is full, or what is there is no file (a folder, a device, a pipe); it is
-                untouched.
+            TakeError: when the folder cannot be written, or the disk is full. WrongTake: when what is there is no file (a folder, a device,
+                a pipe), which is untouched, or the path is none.
         """
         target = self.file(name)
         aside = target.with_name(f".{target.stem}.{os.getpid()}.part{target.suffix}")
@@ -118,7 +108,7 @@ class Take:
             target.parent.mkdir(parents=True, exist_ok=True)
             if target.exists() and not target.is_file():
                 # a rename would put a file in the place of /dev/null
-                raise TakeError(f"Cannot write {target}: it is there already and is no regular file.", "Choose another path.")
+                raise WrongTake(f"Cannot write {target}: it is there already and is no regular file.", "Choose another path.")
             yield aside
             with open(aside, "rb+") as handle:
                 os.fsync(handle.fileno())
@@ -129,7 +119,8 @@ class Take:
             hint = "Free some space or choose another folder" if full else "Choose another folder"
             if systems.windows() and isinstance(error, PermissionError):
                 hint = "Close the programs that have it open, or choose another folder"
-            raise TakeError(f"Cannot write {target}: {reason}.", f"{hint}; the last good files are kept.") from error
+            kind = WrongTake if error.errno in NO_PATH else TakeError
+            raise kind(f"Cannot write {target}: {reason}.", f"{hint}; the last good files are kept.") from error
         finally:
             with contextlib.suppress(OSError):
                 aside.unlink(missing_ok=True)
@@ -140,13 +131,13 @@ class Take:
             path.write_text(json_text(values), encoding="utf-8")
 
     def read_json(self, name: str) -> dict[str, Any]:
-        """Read a JSON file of the take. Raises TakeError when it is missing, unreadable, or no mapping."""
+        """Read a JSON file of the take. Raises WrongTake when it is missing, unreadable, or no mapping."""
         try:
             values = read_json(self.file(name))
             if not isinstance(values, dict):
                 raise ValueError("it is no mapping")
         except (OSError, ValueError) as error:
-            raise TakeError(f"{self.file(name)} cannot be read: {error}.", "Run `recover` for this take first.") from error
+            raise WrongTake(f"{self.file(name)} cannot be read: {_reason(error)}.", "Run `recover` for this take first.") from error
         return values
 
     def write_arrays(self, name: str, arrays: dict[str, np.ndarray]) -> None:
@@ -156,11 +147,11 @@ class Take:
             path.write_bytes(content)
 
     def read_arrays(self, name: str) -> dict[str, np.ndarray]:
-        """Read an NPZ of the take without pickle. Raises TakeError when it is missing or damaged."""
+        """Read an NPZ of the take without pickle. Raises WrongTake when it is missing or damaged."""
         try:
             return read_arrays(self.file(name), limit=LARGEST_TAKE)
         except (OSError, ValueError) as error:
-            raise TakeError(f"{self.file(name)} cannot be read: {error}.", "Run `recover` for this take first.") from error
+            raise WrongTake(f"{self.file(name)} cannot be read: {_reason(error)}.", "Run `recover` for this take first.") from error
 
     # -- stamps ---------------------------------------------------------------------------------------------------------------
 
@@ -168,7 +159,7 @@ class Take:
         """take.toml as a mapping; empty for a take that is not there yet.
 
         Raises:
-            TakeError: when it cannot be read, is of another format, or its stages are no tables.
+            WrongTake: when it cannot be read, is of another format, or its stages are no tables.
         """
         path = self.file("take.toml")
         if not path.exists():
@@ -177,7 +168,7 @@ class Take:
             values = read_toml(path)
             found = values.get("format", FORMAT)
             if type(found) is int and found > FORMAT:
-                raise TakeError(
+                raise WrongTake(
                     f"{path} cannot be read: its format is {found}, of a newer version of Seeing Wind, and this one reads format {FORMAT}.",
                     "Update Seeing Wind, or choose another folder.",
                 )
@@ -189,7 +180,8 @@ class Take:
             if not all(isinstance(stage.get("settings", {}), dict) for stage in stages.values()):
                 raise ValueError("its stages' settings are no tables")
         except (OSError, ValueError) as error:
-            raise TakeError(f"{path} cannot be read: {error}.", "Remove it to start the take afresh; the other files are kept.") from error
+            hint = "Remove it to start the take afresh; the other files are kept."
+            raise WrongTake(f"{path} cannot be read: {_reason(error)}.", hint) from error
         return values
 
     def source_of(self, stage: str, key: str) -> str:
@@ -250,13 +242,18 @@ def require_take(path: str) -> Take:
 
     Raises:
         UsageError: when there is none at `path`.
-        TakeError: when its description cannot be read, or is of a newer format; one that is not there is none, and no obstacle.
+        WrongTake: when its description cannot be read, or is of a newer format; one that is not there is none, and no obstacle.
     """
     take = Take(path)
     if not take.file("field.safetensors").is_file():
         raise UsageError(f"{path} holds no recovered field.", "Run `recover` with --take for this folder first.")
     take.description()
     return take
+
+
+def _reason(error: OSError | ValueError) -> str:
+    """What is wrong with a file, without its path."""
+    return str(getattr(error, "strerror", None) or error)
 
 
 def json_text(values: dict[str, Any]) -> str:

@@ -294,10 +294,46 @@ def test_a_field_that_fades_is_weaker_away_from_the_object_in_samples_and_export
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="Windows has no such pipes")
 def test_results_do_not_replace_what_is_no_file(engine, windy: Path, tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe.npz")
+    (tmp_path / "folder.npz").mkdir()
+    np.save(tmp_path / "p.npy", np.array([[0.0, np.nan, 0.0]]))  # which is told later
     for verb in (["sample", windy, "--points", tmp_path / "p.npy", "--frame", 0], ["export", windy, "--format", "npz"]):
-        error = engine(*verb, "--out", tmp_path / "pipe.npz", expect=1)[-2]
-        assert "no regular file" in error["message"] and error["hint"]
+        for name in ("pipe.npz", "folder.npz"):
+            error = engine(*verb, "--out", tmp_path / name, expect=2)[-2]
+            assert "no regular file" in error["message"] and error["hint"]
+        error = engine(*verb, "--out", windy / "field.safetensors" / "o.npz", expect=2)[-2]
     assert (tmp_path / "pipe.npz").is_fifo()
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "says"),
+    [
+        ("take.toml", "= broken", "take.toml cannot be read"),
+        ("take.toml", "format = 99", "of a newer version"),
+        ("field.safetensors", "no field", "is no readable field"),
+        ("wind.safetensors", "no wind", "is no readable field"),
+    ],
+)
+def test_a_damaged_take_is_wrong_input(engine, windy: Path, tmp_path: Path, name: str, text: str, says: str) -> None:
+    (windy / name).write_text(text)
+    (tmp_path / "edit.toml").write_text('field = "wind"\n[[body]]\nname = "leaf"\nmesh = "recovered"\n')
+    for verb in (
+        ["sample", windy, "--points", tmp_path / "p.npy", "--frame", 0, "--out", tmp_path / "o.npz"],
+        ["export", windy, "--format", "ply", "--out", tmp_path / "o"],
+        ["resimulate", windy, "--edit", tmp_path / "edit.toml", "--take", tmp_path / "r.take"],
+    ):
+        error = engine(*verb, expect=2)[-2]
+        assert says in error["message"] and error["hint"]
+
+
+def test_recovering_into_a_damaged_take_is_wrong_input(engine, square: Path, tmp_path: Path) -> None:
+    (tmp_path / "t.take").mkdir()
+    (tmp_path / "t.take" / "take.toml").write_text("format = 99")
+    for verb in ("observe", "recover"):
+        error = engine(verb, square, "--take", tmp_path / "t.take", "--box", 12, 10, 32, 30, "--distance", 2, expect=2)[-2]
+        assert "of a newer version" in error["message"]
+    deep = square / "t.take"
+    error = engine("observe", square, "--take", deep, "--box", 12, 10, 32, 30, "--distance", 2, expect=2)[-2]
+    assert str(deep) in error["message"] and "--take" in error["hint"]
 
 
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no limit of a file's size")

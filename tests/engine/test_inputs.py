@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.command.arguments import parser
-from seeing_wind.engine.command.inputs import refuse_of_another, refuse_of_another_edit
+from seeing_wind.engine.command.inputs import refuse_of_another, refuse_of_another_edit, refuse_result
 from seeing_wind.engine.command.verbs import VERBS
 from seeing_wind.engine.errors import ClipError, UsageError
 from seeing_wind.engine.progress import NoProgress
@@ -140,3 +140,13 @@ def test_a_re_simulation_of_another_edit_stays(mine, windy: Path, tmp_path: Path
     for mended in (first, own):  # what changed since in its place, and what the panel writes into the folder, is the folder's edit
         mended.write_text(leaf)
         refuse_of_another_edit(Take(out), mended)
+
+
+@pytest.mark.parametrize("made", ["take.toml", "field.safetensors"])
+def test_no_result_takes_the_place_of_a_takes_own_file(tmp_path: Path, made: str) -> None:
+    refuse_result(tmp_path / "overlay.mp4")
+    (tmp_path / made).touch()
+    for name in ("field.safetensors", "observation.npz", "overlay.mp4", "report.png", "gaussians.ply", "view12.npz"):
+        with pytest.raises(UsageError, match="is a file of the take"):
+            refuse_result(tmp_path / name)
+    refuse_result(tmp_path / "forces.npz")

@@ -132,16 +132,6 @@ def test_what_reads_a_take_refuses_one_that_it_does_not_understand(tmp_path: Pat
     assert ("Update" in error.value.hint) == ("99" in text) and ("Remove it" in error.value.hint) == ("99" not in text)
 
 
-@pytest.mark.parametrize("made", ["take.toml", "field.safetensors"])
-def test_no_result_takes_the_place_of_a_takes_own_file(tmp_path: Path, made: str) -> None:
-    Take.refuse_result(tmp_path / "overlay.mp4")
-    (tmp_path / made).touch()
-    for name in ("field.safetensors", "observation.npz", "overlay.mp4", "report.png", "gaussians.ply", "view12.npz"):
-        with pytest.raises(UsageError, match="is a file of the take"):
-            Take.refuse_result(tmp_path / name)
-    Take.refuse_result(tmp_path / "forces.npz")
-
-
 def test_stamps_follow_settings_and_file_contents(tmp_path: Path) -> None:
     clip = tmp_path / "clip.bin"
     clip.write_bytes(b"one")

@@ -85,6 +85,22 @@ def refuse_foreign(take: Take) -> None:
             raise UsageError(f"{take.path} is not a take and holds {name}.", "Choose another folder with --take.")
 
 
+def refuse_result(path: Path, folder: bool = False) -> None:
+    """See that what a user asked for with --out replaces no file of some take, one that stages have stamped or with a field, and nothing
+    that is no file.
+
+    Args:
+        path: to be written; folder: it is one, and may be there already.
+
+    Raises:
+        UsageError: it does.
+    """
+    if any((path.parent / name).is_file() for name in ("take.toml", "field.safetensors")) and RESULTS.fullmatch(path.name):
+        raise UsageError(f"{path} is a file of the take {path.parent}.", "Give --out another name.")
+    if path.exists() and not path.is_file() and not (folder and path.is_dir()):
+        raise UsageError(f"{path} is there already and is no regular file.", "Give --out another name.")
+
+
 def refuse_of_another(take: Take, clip: str) -> None:
     """See that what a take holds of one clip is not replaced by another's. One that was copied or moved is no other clip.
 

@@ -17,7 +17,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import IO
 
-from ..errors import TakeError
+from ..errors import NO_PATH, TakeError, WrongTake
 from ..progress import Progress
 from ..take import Take
 from . import inputs
@@ -45,7 +45,7 @@ def held(take: Take, verb: str, progress: Progress, reads: Iterable[tuple[str, P
     Raises:
         UsageError: what is read, or a file in a folder that is no take, would be overwritten; nothing is written then.
         TakeInUse: another process holds it; the message says who, and since when.
-        TakeError: the folder cannot be written.
+        TakeError: the folder cannot be written. WrongTake: the lock is no file.
     """
     inputs.refuse_overwriting(take, reads, made)
     inputs.refuse_foreign(take)
@@ -91,11 +91,12 @@ def _opened(path: Path) -> IO[bytes]:
     try:
         number = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0), 0o666)
     except OSError as error:
-        raise TakeError(f"{path} cannot be written: {error.strerror}.", "Remove it, or choose another folder with --take.") from error
+        kind = WrongTake if error.errno in (*NO_PATH, errno.EISDIR) else TakeError
+        raise kind(f"{path} cannot be written: {error.strerror}.", "Remove it, or choose another folder with --take.") from error
     file = os.fdopen(number, "r+b", buffering=0)
     if not stat.S_ISREG(os.fstat(number).st_mode):
         file.close()
-        raise TakeError(f"{path} is no regular file.", "Remove it, or choose another folder with --take.")
+        raise WrongTake(f"{path} is no regular file.", "Remove it, or choose another folder with --take.")
     return file
 
 

@@ -11,7 +11,7 @@ from ..errors import SeeingWindError, UsageError
 from ..progress import Progress
 from ..take import Take, require_take
 from .batch.verb import batch
-from .inputs import inputs_of, refuse_overwriting
+from .inputs import inputs_of, refuse_overwriting, refuse_result
 from .join import join
 from .observe import observe
 from .recover import asked_model, recover, recover_trajectories
@@ -34,7 +34,7 @@ def sample(arguments: argparse.Namespace, progress: Progress) -> Result:
         raise UsageError(f"'{arguments.out}' is no file's name.", "Give --out a path such as forces.npz.")
     if out.resolve() == Path(arguments.points).resolve():
         raise UsageError(f"{out} is the file of the points.", "Give --out another name.")
-    Take.refuse_result(out)
+    refuse_result(out)
     points, frame = read_points(arguments.points), arguments.frame
     force_density, confidence = sample_points(field, points, frame, progress)
     arrays = {"force_density": force_density, "confidence": confidence, "distance": distances(field, points, frame)}
@@ -56,9 +56,9 @@ def export(arguments: argparse.Namespace, progress: Progress) -> Result:
     take = require_take(arguments.take)
     field, wind = _felt(load_field(take.file("field.safetensors")), arguments), read_wind(take)
     out = Path(arguments.out)
-    Take.refuse_result(out)
+    refuse_result(out, folder=arguments.format != "npz" or not out.name)
     if arguments.format == "npz" and out.name:
-        Take.refuse_result(out.with_name(f"{out.name.removesuffix('.npz')}.npz"))  # as it is completed
+        refuse_result(out.with_name(f"{out.name.removesuffix('.npz')}.npz"))  # as it is completed
     progress.begin("export", arguments.format)
     files = export_field(field, arguments.format, Path(arguments.out), progress, wind=None if wind is None else _felt(wind, arguments))
     return {"outcome": "converged", "files": [str(path) for path in files]}

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from safetensors import SafetensorError, safe_open
 
-from ..errors import TakeError, UsageError
+from ..errors import UsageError, WrongTake
 from ..reading import LARGEST_ARRAYS, parse_json, regular
 from .analytic import ForceFieldAnalytic
 from .force_field import UNITS, VERSION, ForceField
@@ -28,12 +28,12 @@ def load_field(path: str | PathLike[str]) -> ForceField:
     """Read a field that `ForceField.save` wrote. Nothing in the file can execute code.
 
     Raises:
-        TakeError: when the file is missing, damaged, incomplete, of another version, or holds numbers that are not finite.
+        WrongTake: when the file is missing, damaged, incomplete, of another version, or holds numbers that are not finite.
     """
     path = Path(path)
     again = "Run `recover` for this take again."
     if not path.is_file():
-        raise TakeError(f"There is no field at {path}.", "Run `recover` for this take first.")
+        raise WrongTake(f"There is no field at {path}.", "Run `recover` for this take first.")
     try:
         if regular(path) > LARGEST_ARRAYS:
             raise ValueError("it is larger than any field")
@@ -41,7 +41,7 @@ def load_field(path: str | PathLike[str]) -> ForceField:
             metadata = file.metadata() or {}
             tensors = {key: file.get_tensor(key) for key in file.keys()}
     except (OSError, SafetensorError, ValueError, TypeError, AttributeError, MemoryError) as error:  # the last but one: types NumPy lacks
-        raise TakeError(f"{path} is no readable field: {error}.", again) from error
+        raise WrongTake(f"{path} is no readable field: {error}.", again) from error
     try:
         name, version, units, kind = metadata["representation"], int(metadata["version"]), metadata["units"], metadata.get("kind", "force")
         if version > VERSION or units != UNITS.get(kind) or name not in REPRESENTATIONS:
@@ -54,4 +54,4 @@ def load_field(path: str | PathLike[str]) -> ForceField:
         field.kind = kind
         return field
     except (KeyError, ValueError, TypeError, RuntimeError, OverflowError, UsageError) as error:
-        raise TakeError(f"{path} is no field that this version knows: {error}.", again) from error
+        raise WrongTake(f"{path} is no field that this version knows: {error}.", again) from error

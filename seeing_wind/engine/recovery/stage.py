@@ -134,7 +134,7 @@ def known_body(folder: str) -> KnownBody:
 
     Raises:
         UsageError: no take with a recovery, or one that did not tell the body's stiffness.
-        TakeError: a damaged take.
+        WrongTake: a damaged take.
     """
     return KnownBody.of(read_recovery(require_take(folder)), folder)
 

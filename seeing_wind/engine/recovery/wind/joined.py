@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import ObjectError, TakeError, UsageError
+from ...errors import ObjectError, UsageError, WrongTake
 from ...field import ForceField, distill
 from ...progress import Progress
 from ...record_arrays import TRAJECTORY, read_body, recovery_of
@@ -39,7 +39,7 @@ class Taken:
         """Read back.
 
         Raises:
-            UsageError: a take that cannot be joined with others. TakeError: a damaged one.
+            UsageError: a take that cannot be joined with others. WrongTake: a damaged one.
         """
         if not take.file("particles.npz").is_file() or not take.file(TRAJECTORY).is_file():
             raise UsageError(f"{take.path} holds no object recovered from a clip.", "Run `recover` with --take for this folder first.")
@@ -52,7 +52,7 @@ class Taken:
         stage = take.description().get("stages", {}).get("recover", {})
         arrays = take.read_arrays(TRAJECTORY)
         if "settings" not in stage or "fps" not in arrays:
-            raise TakeError(f"{take.path} does not say how it was recovered.", "Run `recover` with --take for this folder again.")
+            raise WrongTake(f"{take.path} does not say how it was recovered.", "Run `recover` with --take for this folder again.")
         solving = from_mapping(RecoverSettings, stage["settings"], str(take.path))
         return Taken(take, body, recovery_of(arrays), float(arrays["fps"]), solving)
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import ObjectError
+from ...errors import ObjectError, WrongTake
 from ...field import ForceField, distill, load_field
 from ...progress import Journal, Progress
 from ...records import Body, Material, Particles, Recovery
@@ -66,9 +66,9 @@ def wind_stage(
         return Wind(None, {}, [])
     given = (solving.representation, solving.seed, solving.gravity, solving.still)
     stamp = stamp_of("wind", VERSION, settings, take.file("trajectory.npz"), *given)
-    if take.is_done("wind", stamp) and take.file(TOLD).is_file():
-        told = take.read_json(TOLD)
-        return Wind(load_field(take.file(FIELD)) if told["field"] == "wind" else None, told, told["notes"])
+    kept = take.kept("wind", stamp, lambda: read_back(take), progress)
+    if kept is not None:
+        return kept
     progress.begin("wind", "finding the wind")
     clear(take)
     with TakeJournal(take, stamp, progress) as journal:
@@ -86,6 +86,15 @@ def wind_stage(
 def read_wind(take: Take) -> ForceField | None:
     """The wind of a take, None where it has only a force."""
     return load_field(take.file(FIELD)) if take.file(FIELD).is_file() else None
+
+
+def read_back(take: Take) -> Wind:
+    """What the stage left in a take. Raises WrongTake where that is damaged or gone."""
+    told = take.read_json(TOLD)
+    notes = told.get("notes")
+    if told.get("field") not in ("wind", "force") or not isinstance(notes, list) or not all(isinstance(note, str) for note in notes):
+        raise WrongTake(f"{take.file(TOLD)} does not describe a wind.", "Run `recover` with --take for this folder again.")
+    return Wind(load_field(take.file(FIELD)) if told["field"] == "wind" else None, told, notes)
 
 
 def write_wind(take: Take, field: ForceField | None, told: dict[str, Any], stamp: str) -> None:

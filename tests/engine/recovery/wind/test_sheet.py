@@ -12,7 +12,7 @@ from seeing_wind.engine.command.arguments import parser
 from seeing_wind.engine.command.trajectories.sheets import read_sheet
 from seeing_wind.engine.command.verbs import VERBS
 from seeing_wind.engine.errors import ObjectError, SimulationError
-from seeing_wind.engine.field import distillation
+from seeing_wind.engine.field import distillation, load_field
 from seeing_wind.engine.look.report.accuracy import field_errors
 from seeing_wind.engine.mpm.shell import shell_of
 from seeing_wind.engine.progress import Journal, NoProgress
@@ -228,6 +228,10 @@ def test_the_verbs_from_outside(file, tmp_path, monkeypatch):
     again = run("recover-trajectories", file, "--take", take, "--report", "none")
     assert again["iterations"] == result["iterations"] and (take / "trajectory.npz").stat().st_mtime_ns == stamp
     assert len(np.load(take / "trajectory.npz")["x"]) == FRAMES + 1
+    monkeypatch.setattr(distillation, "ITERATIONS", 2)
+    (take / "field.safetensors").write_text("damaged")
+    run("recover-trajectories", file, "--take", take, "--report", "none")
+    assert load_field(take / "field.safetensors").frames == FRAMES
 
 
 def found_wind(cause, doubt, speed=4.0):

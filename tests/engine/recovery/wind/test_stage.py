@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -68,6 +69,16 @@ def test_a_finished_stage_is_read_back(taken, blown):
     again = read(take, *blown, field="auto")
     assert again.told == json.loads(json.dumps(wind.told))
     assert take.file(FIELD).stat().st_mtime_ns == before
+
+
+@pytest.mark.parametrize("damaged", [FIELD, "wind.json"])
+def test_a_finished_stage_that_is_damaged_is_done_again(taken, blown, tmp_path, monkeypatch, damaged):
+    take, wind = taken
+    monkeypatch.setattr(distillation, "ITERATIONS", 2)
+    copy = Take(shutil.copytree(take.path, tmp_path / "copy.take"))
+    copy.file(damaged).write_text("{}")
+    assert read(copy, *blown, field="auto").told == wind.told
+    assert read_wind(copy) is not None and json.loads(copy.file("wind.json").read_text())["field"] == "wind"
 
 
 def test_a_kind_that_does_not_fit_its_unit_is_refused(tmp_path):

@@ -26,7 +26,7 @@ from ....take import Take, stamp_of
 from ...diagnostics.remarks import reaction_remarks
 from ...journal import TakeJournal
 from ..drag import area_normals
-from ..stage import FIELD, FORCE_MEAN, TOLD, Wind, clear
+from ..stage import FIELD, FORCE_MEAN, TOLD, Wind, clear, read_back
 from ..verdict import STRONGEST, UNEXPLAINED, figures, sentence
 from .air import Air, Cause, Push
 from .estimate import BREEZE, SheetEstimate, field_of, follower_of
@@ -94,11 +94,13 @@ def sheet_stage(
     seen = replace(seen, faces=shell.surface.faces)
     particles = _particles(shell)
     stamp = stamp_of("sheet", VERSION, upstream, settings.gravity, settings.representation, settings.seed, blown)
-    if take.is_done("recover", stamp) and take.file("trajectory.npz").is_file() and take.file(TOLD).is_file():
-        progress.begin("recover", "already done")
-        recovery, told = read_recovery(take), take.read_json(TOLD)
-        field = load_field(take.file(FIELD)) if told["field"] == "wind" else None
-        return SheetFound(recovery, particles, load_field(take.file("field.safetensors")), Wind(field, told, told["notes"]), {})
+
+    def read() -> SheetFound:
+        return SheetFound(read_recovery(take), particles, load_field(take.file("field.safetensors")), read_back(take), {})
+
+    kept = take.kept("recover", stamp, read, progress)
+    if kept is not None:
+        return kept
     began = time.perf_counter()
     progress.begin("recover", "recovering the force" if blown.field == "force" else "recovering the wind")
     with TakeJournal(take, stamp, progress) as journal:
@@ -107,12 +109,12 @@ def sheet_stage(
         seconds, began = {"recover": time.perf_counter() - began}, time.perf_counter()
         progress.begin("distill", "fitting the field")
         fitted = _both(recovery, found, told)
-        kept = [distill(one, particles, seen.fps, settings.representation, settings.seed, progress, journal) for one in fitted]
+        fields = [distill(one, particles, seen.fps, settings.representation, settings.seed, progress, journal) for one in fitted]
         take.withdraw("recover")
         take.withdraw("solve")
         clear(take)
         take.write_arrays("trajectory.npz", to_arrays(recovery) | {"fps": np.array(seen.fps)})
-        for name, field in zip(("field.safetensors", FIELD), kept):
+        for name, field in zip(("field.safetensors", FIELD), fields):
             field.kind = "wind" if name == FIELD else "force"
             with take.writing(name) as path:
                 field.save(path)
@@ -120,7 +122,7 @@ def sheet_stage(
         take.finish("wind", stamp, {"field": blown.field or "wind"})
         take.finish("recover", stamp, {"gravity": list(settings.gravity)})
         seconds["distill"] = time.perf_counter() - began
-    return SheetFound(recovery, particles, kept[0], Wind(kept[1] if len(kept) > 1 else None, told, told["notes"]), seconds)
+    return SheetFound(recovery, particles, fields[0], Wind(fields[1] if len(fields) > 1 else None, told, told["notes"]), seconds)
 
 
 def _both(recovery: Recovery, found: SheetEstimate, told: dict[str, Any]) -> list[Recovery]:
