@@ -247,7 +247,7 @@ class Clip:
         errors = math.sqrt(float(np.mean(np.concatenate(stated)))) if stated else 0.0
         self.notes += wider_remarks(self.particles) + motion_remarks(self.particles, x, residual, views, errors)
         self.notes += held_remarks(self.particles, self.objective.channels)
-        self.notes += unseen_remarks(self.objective.used)
+        self.notes += unseen_remarks(self.objective.used, self.objective.shown(self.particles.pinned))
         self.notes += wild_remarks(self.objective.channels)
         self.notes += end_remarks(wild)
         fall = None
@@ -276,7 +276,7 @@ class Clip:
     def _deviation(self, posterior: np.ndarray, x: np.ndarray, acceleration: np.ndarray, held_up: bool) -> np.ndarray:
         """(T, N, 3) of the acceleration [m/s²]: the posterior's, what the motion misses, what nobody saw, and gravity where only that is
         answered."""
-        unseen = np.where(self.still, 0.0, unseen_guess(acceleration, self.objective.used))
+        unseen = np.where(self.still, 0.0, unseen_guess(acceleration, self.objective.shown(self.particles.pinned)))
         deviation = np.hypot(posterior, unseen[:, None, None])
         for one in self.objective.channels:
             if isinstance(one, PointChannels):

@@ -8,7 +8,7 @@ import pytest
 from seeing_wind.engine.errors import ObjectError, UsageError
 from seeing_wind.engine.field.confidence import confidence_map
 from seeing_wind.engine.progress import Cancelled, NoProgress, Progress
-from seeing_wind.engine.records import Attachment, Outcome, Particles, TrackTargets
+from seeing_wind.engine.records import Attachment, Outcome, Particles, PointTargets, TrackTargets
 from seeing_wind.engine.recovery.blocks import blocks
 from seeing_wind.engine.recovery.diagnostics.missed import far_off, free_fall
 from seeing_wind.engine.recovery.diagnostics.remarks import distrusted
@@ -104,6 +104,23 @@ def test_the_force_is_not_known_in_frames_in_which_nothing_is_seen():
     gap, end = confidence(*range(6, 12)), confidence(16, 17, 18)
     assert gap[5:12].max() < 0.5 and gap[[0, 1, 2, 3, 14, 15, 16]].min() > 0.95
     assert end[15:].max() < 0.5 and end[:14].min() > 0.95
+
+
+@pytest.mark.parametrize("kind", ["points", "tracks"])
+def test_the_force_is_not_known_in_frames_in_which_only_what_is_held_is_seen(kind):
+    body = plate((6, 3, 2), pinned=lambda x: x[:, 0] < -0.02)  # two layers at one end
+    x, _ = blow(body, lambda X, t: np.zeros_like(X) + [0.0, 0.0, 2.0 * np.sin(0.4 * t)], 12)
+    settings, visible = replace(WEIGHTLESS, iterations=2, stiffness="given"), np.ones(x.shape[:2], bool)
+    visible[5:9] = body.pinned
+    if kind == "points":
+        found = recover(body, RUBBER, PointTargets(x, visible, every(body)), FPS, settings, NoProgress())
+    else:
+        xy = np.stack([camera().project(one, 0)[0] for one in x])
+        tracks = TrackTargets(xy, visible, np.full(visible.shape, 0.1), camera(), every(body))
+        found = recover(body, RUBBER, [tracks], FPS, settings, NoProgress())
+    deviation = np.median(found.deviation[..., 2], axis=1)
+    assert deviation[5:8].min() > 1.1 * deviation[[1, 2, 10, 11]].max()
+    assert any(note.startswith("Only what is held of the object is seen from frame 5 to frame 8:") for note in found.notes)
 
 
 def test_one_centroid_of_a_small_ball_gives_a_uniform_force():

@@ -70,7 +70,7 @@ def unseen_variation(acceleration: np.ndarray) -> np.ndarray:
     return np.broadcast_to(VARYING * size[:, None, None], acceleration.shape)
 
 
-def unseen_guess(acceleration: np.ndarray, used: np.ndarray) -> np.ndarray:
+def unseen_guess(acceleration: np.ndarray, shown: np.ndarray) -> np.ndarray:
     """Standard deviation (T,) [m/s²] of one component of a force on the particles (T, N, 3) in frames of which nothing was seen.
 
     Where the body comes out again, its place and its velocity tell two numbers of the n + 1 forces that brought it through n such frames;
@@ -78,10 +78,10 @@ def unseen_guess(acceleration: np.ndarray, used: np.ndarray) -> np.ndarray:
     gusts have one length, believes more.
 
     Args:
-        used: (T+1, channels) bool, what was seen; frame 0 is where the body begins.
+        shown: (T+1,) bool, frames in which something is seen that a force moves; frame 0 is where the body begins.
     """
     deviation, size = np.zeros(len(acceleration)), float(np.sqrt(2.0 * (acceleration**2).mean()))
-    for first, end in runs_of(~used[1:].any(axis=1)):  # forces of the frames first ... end - 1 lead to one that is not seen
+    for first, end in runs_of(~shown[1:]):  # forces of the frames first ... end - 1 lead to one that is not seen
         hidden, comes_out = end - first, end < len(acceleration)
         share = (hidden - 1) / (hidden + 1) if comes_out else 1.0
         deviation[first : end + comes_out] = np.sqrt(share) * size

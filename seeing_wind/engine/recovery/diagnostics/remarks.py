@@ -110,13 +110,17 @@ def reaction_remarks(particles: Particles, acceleration: np.ndarray, x: np.ndarr
     ]
 
 
-def unseen_remarks(used: np.ndarray) -> list[str]:
-    """On frames in which nothing was seen, by used (T+1, channels) bool; frame 0 is where the body begins."""
-    return [
-        f"Nothing of the object is seen {frames_named(first + 1, end)}: the force there is a guess from the other frames, and the "
-        "simulation was compared with nothing."
-        for first, end in runs_of(~used[1:].any(axis=1))
-    ]
+def unseen_remarks(used: np.ndarray, shown: np.ndarray) -> list[str]:
+    """On frames in which nothing was seen, or only what is held: by used (T+1, channels) and shown (T+1,) bool, see `Objective.shown`;
+    frame 0 is where the body begins."""
+    notes = []
+    for first, end in runs_of(~shown[1:]):
+        seen = "Only what is held" if used[first + 1 : end + 1].any() else "Nothing"
+        notes.append(
+            f"{seen} of the object is seen {frames_named(first + 1, end)}: the force there is a guess from the other frames, and the "
+            "simulation was compared with nothing that moves."
+        )
+    return notes
 
 
 def wild_remarks(channels: Sequence[Channels]) -> list[str]:

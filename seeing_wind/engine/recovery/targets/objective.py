@@ -12,6 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
+from .constants import NOISE
 from .points import PointChannels
 from .tracks import TrackChannels
 
@@ -132,6 +133,17 @@ class Objective:
         distance = np.concatenate([one.distance(x) for one in self.channels], axis=1)
         seen = np.isfinite(distance)
         return np.sqrt(np.where(seen, distance, 0.0).__pow__(2).sum(axis=1) / np.maximum(seen.sum(axis=1), 1))
+
+    def shown(self, pinned: np.ndarray) -> np.ndarray:
+        """(T+1,) bool: frames in which something is seen that a force moves, so not only what rides on held particles, pinned (N,) bool."""
+        shown = np.zeros(len(self.channels[0].used), bool)
+        for one in self.channels:
+            free = one.points @ pinned <= NOISE.clamp_rides
+            if isinstance(one, TrackChannels):  # two channels a point; modes share all points
+                shown |= one.used.reshape(len(shown), -1, 2)[:, free].any(axis=(1, 2))
+            else:
+                shown |= one.used.any(axis=1) & one.targets.visible[:, free].any(axis=1)
+        return shown[self.first : self.first + len(self.used)] & self.used.any(axis=1)
 
     def points(self) -> np.ndarray:
         """(all K, N) of all observed points."""
