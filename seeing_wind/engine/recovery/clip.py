@@ -13,17 +13,16 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import ObjectError, UsageError
+from ..errors import UsageError
 from ..mpm.model import Model
 from ..mpm.state import Trajectory
 from ..progress import Journal, Progress
 from ..records import Material, Outcome, Particles, Recovery
 from ..settings import RecoverSettings
 from .blocks import blocks, most_modes
-from .diagnostics.missed import astray, far_off, free_fall
+from .diagnostics.missed import fall_of, verdict
 from .diagnostics.posterior import missed_acceleration, posterior_deviation, unseen_guess, unseen_variation
 from .diagnostics.remarks import (
-    DISTRUST,
     end_remarks,
     force_remarks,
     held_remarks,
@@ -238,11 +237,10 @@ class Clip:
             Whether the force is only what holds the body up against gravity.
 
         Raises:
-            ObjectError: when points in 3D are not followed; with tracks the take is kept, to be looked at.
+            ObjectError: as `verdict`.
         """
-        lost = astray(self.particles, self.objective.channels, x, residual)
-        if lost and not views:
-            raise ObjectError(lost, "Check the unit of the points, their order, fps and the material; cut the file where the body jumps.")
+        fall = fall_of(self.particles, acceleration, x, v0, self.fps, self.settings.gravity)
+        useless = verdict(self.particles, self.objective.channels, x, residual, fall)
         stated = [one.targets.stated for one in self.objective.channels if isinstance(one, PointChannels)]
         errors = math.sqrt(float(np.mean(np.concatenate(stated)))) if stated else 0.0
         self.notes += wider_remarks(self.particles) + motion_remarks(self.particles, x, residual, views, errors)
@@ -250,18 +248,11 @@ class Clip:
         self.notes += unseen_remarks(self.objective.used, self.objective.shown(self.particles.pinned))
         self.notes += wild_remarks(self.objective.channels)
         self.notes += end_remarks(wild)
-        fall = None
         if not self.particles.pinned.any():
-            unneeded = force_remarks(acceleration, material.density, x, self.fps, self.settings.gravity)
-            self.notes += unneeded
-            if not unneeded:  # else free fall is what was seen, and missing as much as it does is no fault
-                fall = free_fall(self.particles.x, v0.mean(axis=0), self.settings.gravity, len(x) - 1, self.fps)
+            self.notes += force_remarks(acceleration, material.density, x, self.fps, self.settings.gravity)
         held_up = reaction_remarks(self.particles, acceleration, x, self.settings.gravity)
         self.notes[:0] = held_up
-        if lost:
-            self.notes.insert(0, f"{lost} {DISTRUST}: check the outline, the tracks and the scale.")
-        else:
-            self.notes[:0] = far_off(self.particles, self.objective.channels, x, residual, fall)
+        self.notes[:0] = useless
         self.notes += self._stiffness_remark(material)
         return bool(held_up)
 

@@ -72,7 +72,7 @@ def recover(
     moving = clamp_motion(particles, targets, fps) if isinstance(targets, PointTargets) else None
     if moving is not None:
         sources = [moving.in_clamp_frame(one) for one in sources if isinstance(one, PointTargets)]
-    channels = [_channels(particles, one, plastic) for one in sources]
+    channels = [channels_of(particles, one, plastic) for one in sources]
     notes = [] if moving is None else [moving_clamp_remark(moving)]
     if material.law not in LAWS:
         notes.append(f"{material.name}: the solver has no law {material.law}; the force was recovered as if the body were elastic.")
@@ -97,7 +97,7 @@ def recover(
     return found if moving is None else moving.carried(found, material.density, np.asarray(settings.gravity), model.gravity)
 
 
-def _channels(particles: Particles, seen: PointTargets | TrackTargets, plastic: bool) -> Channels:
+def channels_of(particles: Particles, seen: PointTargets | TrackTargets, plastic: bool) -> Channels:
     """What is compared with the simulation, of points in 3D or of one camera's tracks."""
     if isinstance(seen, PointTargets):
         return point_channels(particles, seen, plastic)

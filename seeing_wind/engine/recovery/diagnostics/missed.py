@@ -7,13 +7,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...conventions import frame_named, in_units
+from ...errors import ObjectError
 from ...records import Particles
 from ..targets.channels import noise_of
 from ..targets.constants import NOISE
 from ..targets.objective import Channels
 from ..targets.points import PointChannels
 from ..targets.tracks import TrackChannels
-from .remarks import DISTRUST, EXPLAINS_NOTHING, STILL, radius_of
+from .remarks import DISTRUST, EXPLAINS_NOTHING, STILL, force_remarks, radius_of
 
 ASTRAY, ASTRAY_NOISE = 0.1, 10.0
 """A simulation explains nothing that misses the points by more than the body's size, this share of their way, and so many deviations."""
@@ -22,6 +23,44 @@ FAR = 0.05
 UNEXPLAINED = 0.1
 """Share of what no force at all would miss, from which nobody should trust the force that misses it. Filmed scenes that come back miss
 0 to 0.02, drafts of one iteration up to 0.09, plants whose held place was not marked or whose stiffness is wrong 0.11 to 0.34."""
+
+
+def verdict(
+    particles: Particles,
+    channels: Sequence[Channels],
+    x: np.ndarray,
+    residual: np.ndarray,
+    fall: np.ndarray | None = None,
+    called: str = "The simulated body",
+) -> list[str]:
+    """What to say of a motion x (T+1, N, 3) [m] that is so far off what was seen, by residual (T+1,), that its force is of no use.
+
+    Args:
+        fall: where the body goes without a force, see `fall_of`.
+        called: what moves so.
+
+    Raises:
+        ObjectError: points in 3D that are not followed at all; with tracks the take is kept, to be looked at.
+    """
+    lost = astray(particles, channels, x, residual)
+    if not lost:
+        return far_off(particles, channels, x, residual, fall, called)
+    if not isinstance(channels[0], TrackChannels):
+        raise ObjectError(lost, "Check the unit of the points, their order, fps and the material; cut the file where the body jumps.")
+    return [f"{lost} {DISTRUST}: check the outline, the tracks and the scale."]
+
+
+def fall_of(
+    particles: Particles, acceleration: np.ndarray, x: np.ndarray, v0: np.ndarray, fps: float, gravity: Sequence[float]
+) -> np.ndarray | None:
+    """The free fall (T+1, N, 3) [m] with which a motion x (T+1, N, 3) [m] from v0 (N, 3) [m/s] on is compared.
+
+    None for a held body, and for one whose acceleration (T, N, 3) [m/s²] hardly acts: then free fall is what was seen, and missing as
+    much as it does is no fault.
+    """
+    if particles.pinned.any() or force_remarks(acceleration, 1.0, x, fps, gravity):
+        return None
+    return free_fall(particles.x, v0.mean(axis=0), gravity, len(x) - 1, fps)
 
 
 def free_fall(start: np.ndarray, velocity: np.ndarray, gravity: Sequence[float], frames: int, fps: float) -> np.ndarray:
@@ -46,7 +85,12 @@ def astray(particles: Particles, channels: Sequence[Channels], x: np.ndarray, re
 
 
 def far_off(
-    particles: Particles, channels: Sequence[Channels], x: np.ndarray, residual: np.ndarray, fall: np.ndarray | None = None
+    particles: Particles,
+    channels: Sequence[Channels],
+    x: np.ndarray,
+    residual: np.ndarray,
+    fall: np.ndarray | None = None,
+    called: str = "The simulated body",
 ) -> list[str]:
     """On a simulation x (T+1, N, 3) [m] that is off what was seen by residual (T+1,): most of the time by much of the body's size, in
     pixels, or in half of its motion by much of what would be missed without a force, at rest or in free `fall` (T+1, N, 3) [m]."""
@@ -65,7 +109,7 @@ def far_off(
         much = f"{100.0 * share:.0f} % of the motion that a force has to explain"
     check = "the outline, what is held, the depth" if isinstance(channels[0], TrackChannels) else "units, axes"
     return [
-        f"The simulated body is {in_units(far, unit)} (median) from where it was seen, {much}. {DISTRUST}: check {check} and the material."
+        f"{called} is {in_units(far, unit)} (median) from where it was seen, {much}. {DISTRUST}: check {check} and the material."
     ]
 
 

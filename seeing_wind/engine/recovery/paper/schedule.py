@@ -23,6 +23,7 @@ from ...errors import SimulationError
 from ...field.adam import adam_state, in_parts, restore
 from ...field.optimisers import Adam
 from ...field.torch_threads import one_torch_thread
+from ...materials import PLASTIC_LAWS
 from ...mpm.autograd import simulate
 from ...mpm.model import Model
 from ...mpm.model_for import model_for
@@ -30,7 +31,8 @@ from ...progress import Journal, Progress
 from ...record_arrays import from_arrays, to_arrays
 from ...records import Material, Outcome, Particles, PointTargets, Recovery
 from ...settings import RecoverSettings
-from ..recover import check_body
+from ..diagnostics.missed import fall_of, verdict
+from ..recover import channels_of, check_body
 from ..targets.channels import views_of
 from .field import DescentField, descent_field
 from .losses import MotionLoss, Targets, TrackingLoss
@@ -99,6 +101,7 @@ def recover_by_descent(
     start = first_look(particles, targets, fps, model.gravity)
     reach = 0.5 * start.acceleration * model.frame_dt**2
     tracking = TrackingLoss(particles, targets, reach)
+    channels = [channels_of(particles, one, material.law in PLASTIC_LAWS) for one in views]
     with torch.random.fork_rng(devices=[]), one_torch_thread():
         torch.manual_seed(settings.seed)
         field = descent_field(settings.representation, frames, start.box, particles.spacing, start.acceleration)
@@ -122,6 +125,8 @@ def recover_by_descent(
             "the body in a frame."
         )
     acceleration = np.stack(descent.accelerations)
+    fall = fall_of(particles, acceleration, x, start.velocity, fps, settings.gravity)
+    notes[:0] = verdict(particles, channels, x, residual, fall)
     metres = residual if in_metres else residual * _metres_per_pixel(targets, particles)
     return Recovery(
         outcome=Outcome.MAX_ITERATIONS if missed else Outcome.CONVERGED,

@@ -1,5 +1,7 @@
 """The paper's own scheme: its loss falls, a known wind comes back, its objectives have the derivatives that they claim."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -14,6 +16,7 @@ from seeing_wind.engine.mpm.state import State
 from seeing_wind.engine.observe.object.motion.control import attach
 from seeing_wind.engine.progress import Cancelled, NoProgress, Progress
 from seeing_wind.engine.records import Attachment, Camera, Gaussians, Material, Particles, PointTargets, TrackTargets
+from seeing_wind.engine.recovery.diagnostics.remarks import distrusted
 from seeing_wind.engine.recovery.paper.field import PlaneField
 from seeing_wind.engine.recovery.paper.flow_depth_loss import FlowDepthLoss, SceneFlow
 from seeing_wind.engine.recovery.paper.image_loss import Filmed, ImageLoss
@@ -70,6 +73,26 @@ def test_a_uniform_wind_comes_back_frame_by_frame(representation):
     misfits = [one["misfit"] for one in told if "misfit" in one]
     assert misfits[0] > 0.5 and misfits[-1] < 0.02  # about one without any force
     assert distill(found, body, FPS, "point").sample(body.x, 0)[1].mean() > 0.5
+
+
+@pytest.mark.parametrize("pixels", [True, False])
+def test_a_field_that_misses_much_of_the_motion_is_told_to_be_of_no_use(pixels):
+    """A post that is blown, held at its foot; and the same when all of it but the top is said to be held."""
+    body = block()
+    foot = body.x[:, 2] < -0.02
+    x = blown(replace(body, pinned=foot), np.array([8.0, 0.0, 0.0]), 3)
+
+    def told(held: np.ndarray) -> list[str]:
+        if pixels:
+            xy = np.stack([CAMERA.project(one, 0)[0] for one in x])
+            seen = [TrackTargets(xy, np.ones(xy.shape[:2], bool), np.full(xy.shape[:2], 0.1), CAMERA, every(27))]
+        chosen = settings(frame_iterations=30)
+        found = recover_by_descent(replace(body, pinned=held), RUBBER, seen if pixels else points(x), FPS, chosen, NoProgress())
+        return distrusted(found.notes)
+
+    assert told(foot) == []
+    (note,) = told(body.x[:, 2] < 0.02)
+    assert "from where it was seen" in note
 
 
 def test_a_thrown_body_is_not_taken_for_one_that_is_pushed():

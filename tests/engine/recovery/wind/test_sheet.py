@@ -11,12 +11,14 @@ import pytest
 from seeing_wind.engine.command.arguments import parser
 from seeing_wind.engine.command.trajectories.sheets import read_sheet
 from seeing_wind.engine.command.verbs import VERBS
+from seeing_wind.engine.conventions import front_view
 from seeing_wind.engine.errors import ObjectError, SimulationError
 from seeing_wind.engine.field import distillation, load_field
 from seeing_wind.engine.look.report.accuracy import field_errors
 from seeing_wind.engine.mpm.shell import shell_of
 from seeing_wind.engine.progress import Journal, NoProgress
-from seeing_wind.engine.records import Measured
+from seeing_wind.engine.records import Attachment, Camera, Measured, TrackTargets
+from seeing_wind.engine.recovery.diagnostics.remarks import distrusted
 from seeing_wind.engine.recovery.prior.basis import hats, spatial_basis
 from seeing_wind.engine.recovery.wind.sheet import stage
 from seeing_wind.engine.recovery.wind.sheet.air import Air, Push
@@ -25,6 +27,8 @@ from seeing_wind.engine.recovery.wind.sheet.estimate import BREEZE, SheetEstimat
 from seeing_wind.engine.recovery.wind.sheet.observed import observe_sheet
 from seeing_wind.engine.recovery.wind.sheet.problem import SheetProblem, factor_of
 from seeing_wind.engine.recovery.wind.sheet.tension import Tension
+from seeing_wind.engine.settings import RecoverSettings, WindSettings
+from seeing_wind.engine.take import Take
 from tests.engine.recovery.wind.blown_sheet import FPS, FRAMES, GRAVITY, blown, mesh, quick_gusts
 
 
@@ -232,6 +236,24 @@ def test_the_verbs_from_outside(file, tmp_path, monkeypatch):
     (take / "field.safetensors").write_text("damaged")
     run("recover-trajectories", file, "--take", take, "--report", "none")
     assert load_field(take / "field.safetensors").frames == FRAMES
+
+
+@pytest.mark.parametrize("mixed_up", [False, True])
+def test_a_sheet_that_was_not_followed_is_told_to_be_of_no_use(file, tmp_path, monkeypatch, mixed_up):
+    """As a camera's tracks show, which are those of its vertices, or those of others."""
+    monkeypatch.setattr(distillation, "ITERATIONS", 1)
+    source, gravity, _ = read_sheet(file)
+    x = source.x[:7]
+    camera = Camera(480, 320, 480.0, 480.0, 239.5, 159.5, front_view(1.5))
+    xy = np.stack([camera.project(one)[0] for one in x])
+    if mixed_up:
+        xy[1:] = xy[1:, ::-1]
+    every = Attachment(np.arange(xy.shape[1], dtype=np.int32)[:, None], np.ones((xy.shape[1], 1)))
+    tracks = TrackTargets(xy, np.ones(xy.shape[:2], bool), np.full(xy.shape[:2], 0.3), camera, every)
+    seen = replace(source, x=x, targets=[tracks])
+    found = stage.sheet_stage(Take(tmp_path), seen, "", RecoverSettings(gravity=gravity), WindSettings("force"), NoProgress())
+    told = distrusted(found.recovery.notes)
+    assert len(told) == mixed_up and all("The sheet that was followed is" in note for note in told)
 
 
 def found_wind(cause, doubt, speed=4.0):

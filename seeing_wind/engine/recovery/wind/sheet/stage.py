@@ -23,8 +23,10 @@ from ....record_arrays import read_recovery, to_arrays
 from ....records import Measured, Outcome, Particles, Recovery, TrackTargets
 from ....settings import RecoverSettings, WindSettings
 from ....take import Take, stamp_of
+from ...diagnostics.missed import fall_of, verdict
 from ...diagnostics.remarks import reaction_remarks
 from ...journal import TakeJournal
+from ...targets.tracks import track_channels
 from ..drag import area_normals
 from ..stage import FIELD, FORCE_MEAN, TOLD, Wind, clear, read_back
 from ..verdict import STRONGEST, UNEXPLAINED, figures, sentence
@@ -33,7 +35,7 @@ from .estimate import BREEZE, SheetEstimate, field_of, follower_of
 from .following import Follower
 from .observed import Observed, observe_sheet
 
-VERSION = 5
+VERSION = 6
 """Part of the stamp: raise it when the results change."""
 UNTOLD, FELT = 0.4, 0.5
 """Deviation of a wind from which the sheet does not tell it: relative to the wind's size and in m/s, as what falls through calm air tells
@@ -207,18 +209,25 @@ def _recovery(
     held_up = reaction_remarks(particles, found.force / shell.mass[:, None], x, gravity)
     # how much of the force is what holds the sheet up the clip does not tell
     deviation = np.hypot(found.force_deviation, weight) if held_up else found.force_deviation
+    v0 = np.where(shell.pinned[:, None], 0.0, seen.at(0.0)[1])
+    useless: list[str] = []
+    if targets:  # points in 3D the simulation is drawn to, whatever the force: what is missed of them tells nothing of it
+        channels = [track_channels(particles, one, plastic=False) for one in targets]
+        fall = fall_of(particles, found.force / shell.mass[:, None], x, v0, seen.fps, gravity)
+        useless = verdict(particles, channels, x, residual, fall, "The sheet that was followed")
     return Recovery(
         outcome=Outcome.CONVERGED if found.converged else Outcome.MAX_ITERATIONS,
         force_density=found.force / volume,
         deviation=deviation / volume,
         x=x,
         F=np.stack([_deformations(shell, one) for one in x]),
-        v0=np.where(shell.pinned[:, None], 0.0, seen.at(0.0)[1]),
+        v0=v0,
         residual=residual,
         residual_unit="px" if targets else "m",
         iterations=found.iterations,
         seconds=seconds,
         notes=[
+            *useless,
             *held_up,
             _stray(follower_of(shell, seen, gravity, found.cause_of(shell)), found, bool(targets)),
         ],
