@@ -130,6 +130,21 @@ def test_a_take_of_another_clip_stays(mine, tmp_path: Path, verb: str) -> None:
         refuse_of_another(Take(take), str(clay))
 
 
+def test_a_take_of_a_clip_or_of_other_trajectories_stays(tmp_path: Path) -> None:
+    x = 0.1 * np.stack(np.meshgrid(*[np.arange(3.0)] * 3, indexing="ij"), -1).reshape(-1, 3)
+    for name, gust in (("a.npz", 0.01), ("b.npz", 0.02)):
+        np.savez(tmp_path / name, x=np.stack([x - [0, 0, gust * t * t] for t in range(5)]), fps=24.0, E=1e5)
+    a, b, clip, take = (tmp_path / name for name in ("a.npz", "b.npz", "clip.mp4", "a.take"))
+    clip.write_bytes(MINE)
+    quickly = ["--take", take, "--iterations", 1, "--report", "none", "--representation", "point"]
+    run("recover-trajectories", a, *quickly)
+    refused(take / "take.toml", "recover-trajectories", b, *quickly, says="a.take is the take of another file of trajectories, .*a.npz")
+    refused(take / "take.toml", "recover", clip, "--take", take, "--box", 1, 1, 9, 9, says="of another file of trajectories")
+    assert run("recover-trajectories", a, *quickly)["outcome"]
+    (take / "take.toml").write_text(f'format = 1\n[stages.observe]\nstamp = "0"\n[stages.observe.settings]\nclip = "{clip}"\n')
+    refused(take / "take.toml", "recover-trajectories", a, *quickly, says="a.take is the take of another clip")
+
+
 def test_a_re_simulation_of_another_edit_stays(mine, windy: Path, tmp_path: Path) -> None:
     first, flag, second = mine("first.toml"), mine("out/bodies/flag.npz"), tmp_path / "second.toml"
     out, leaf = flag.parents[1], '[[body]]\nname = "leaf"\nmesh = "leaf.obj"\n'

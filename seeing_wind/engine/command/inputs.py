@@ -19,6 +19,8 @@ MADE = rf"{RESULTS.pattern}|bodies/[^/.][^/]*\.npz"
 """Pattern of what the stages of a take write, from its folder on."""
 SIGNS = ("take.toml", "take.lock", "field.safetensors")
 """A folder with one of them is a take: a job that is killed before it stamps its first stage leaves the lock."""
+TRUTH = ("trajectories", "truth")
+"""Where a take says which file of trajectories it was recovered from: as a stage and what that was given."""
 PROPOSED = "held.png"
 """What `observe` proposes as held, to be given back as --pin; no stage writes it then."""
 
@@ -101,18 +103,24 @@ def refuse_result(path: Path, folder: bool = False) -> None:
         raise UsageError(f"{path} is there already and is no regular file.", "Give --out another name.")
 
 
-def refuse_of_another(take: Take, clip: str) -> None:
-    """See that what a take holds of one clip is not replaced by another's. One that was copied or moved is no other clip.
+def refuse_of_another(take: Take, file: str) -> None:
+    """See that what a take holds of one clip, or of one file of trajectories, is not replaced by another's. One that was copied or moved
+    is no other.
 
     Raises:
         UsageError: it would be.
     """
-    of = take.source_of("observe", "clip")
-    if _another(clip, of):
-        raise UsageError(
-            f"{take.path} is the take of another clip, {of}, and not of {clip}.",
-            "Choose another folder with --take, or move that one away.",
-        )
+    for kind, of in (("clip", take.source_of("observe", "clip")), ("file of trajectories", take.source_of(*TRUTH))):
+        if _another(file, of):
+            raise UsageError(
+                f"{take.path} is the take of another {kind}, {of}, and not of {file}.",
+                "Choose another folder with --take, or move that one away.",
+            )
+
+
+def note_truth(take: Take, upstream: str, truth: str) -> None:
+    """Keep in a take which file of trajectories, `truth`, it was recovered from; `upstream`: the stamp of what was read of it."""
+    take.finish(TRUTH[0], upstream, {TRUTH[1]: truth})
 
 
 def refuse_of_another_edit(take: Take, edit: Path) -> None:

@@ -17,7 +17,7 @@ from ..settings import BuildSettings, ObserveSettings, RecoverSettings, WindSett
 from ..stages import build_stage, check_sheet, check_solve, frame_loss, lift_stage, observe_stage, track_targets, write_gaussians
 from ..take import Take, stamp_of
 from .arguments import observe_settings, properties_of, settings_of
-from .inputs import inputs_of, refuse_of_another
+from .inputs import inputs_of, note_truth, refuse_of_another
 from .join import join
 from .lock import held
 from .reporting import diverged_result, report_result
@@ -293,6 +293,7 @@ def recover_trajectories(arguments: argparse.Namespace, progress: Progress) -> R
     settings = settings_of(RecoverSettings, arguments, gravity=source.gravity, clamp_depth=source.clamp_depth)
     check_solve(settings, clip=False)
     still_frames(settings, len(source.targets.visible) - 1)
+    refuse_of_another(take, arguments.truth)
     with held(take, arguments.verb, progress, inputs_of(arguments)):
         for note in source.notes:
             progress.warn(note)
@@ -303,6 +304,7 @@ def recover_trajectories(arguments: argparse.Namespace, progress: Progress) -> R
         recovery = dataclasses.replace(recovery, notes=worst_first([*source.notes, *recovery.notes]))
         if field is None:
             return diverged_result(recovery)
+        note_truth(take, upstream, arguments.truth)
         blown = settings_of(WindSettings, arguments)
         wind = wind_stage(take, None, particles, material, recovery, source.fps, blown, settings, progress)
         recovery = dataclasses.replace(recovery, notes=worst_first([*wind.notes, *recovery.notes]))

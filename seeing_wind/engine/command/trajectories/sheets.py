@@ -20,7 +20,7 @@ from ...settings import RecoverSettings, WindSettings
 from ...stages import check_sheet
 from ...take import Take, stamp_of
 from ..arguments import properties_of, settings_of
-from ..inputs import inputs_of
+from ..inputs import inputs_of, note_truth, refuse_of_another
 from ..lock import held
 from ..reporting import report_result
 from .file import SHEET_KEYS, as_stated, gravity_of, motion_of, number_in, size_note, values_of
@@ -57,11 +57,13 @@ def recover_sheet(arguments: argparse.Namespace, progress: Progress) -> dict[str
     check_sheet(settings)
     blown = settings_of(WindSettings, arguments)
     take = Take(arguments.take)
+    refuse_of_another(take, arguments.truth)
     with held(take, arguments.verb, progress, inputs_of(arguments)):
         for note in notes:
             progress.warn(note)
         upstream = stamp_of("trajectories", Path(arguments.truth), source)
         found = sheet_stage(take, source, upstream, settings, blown, progress)
+        note_truth(take, upstream, arguments.truth)
         recovery = dataclasses.replace(found.recovery, notes=worst_first([*notes, *found.wind.notes, *found.recovery.notes]))
         assert recovery.outcome != Outcome.DIVERGED
 

@@ -152,7 +152,7 @@ def read_objects(path: str) -> list[dict[str, Any]]:
     try:
         values = read_json(path)
     except (OSError, ValueError) as error:
-        raise UsageError(f"{path} lists no objects: {error}.", advice) from error
+        raise UsageError(f"{path} lists no objects: {getattr(error, 'strerror', None) or error}.", advice) from error
     listed = values.get("objects") if isinstance(values, dict) else None
     if not isinstance(listed, list) or not listed or not all(isinstance(one, dict) for one in listed):
         raise UsageError(f"{path} lists no objects.", advice)
