@@ -271,7 +271,7 @@ def _check(material: Material) -> None:
     if not 0.0 <= material.loss_factor <= MOST_LOSS:
         raise MaterialError(f"The loss factor of {material.name} is {material.loss_factor:g}.", f"Give from zero to {MOST_LOSS:g}.")
     if material.law in PLASTIC_LAWS and material.yield_stress == 0.0:
-        raise MaterialError(f"{material.name} has the plastic law {material.law} but no yield stress.", "Give --yield-stress in Pa.")
+        raise MaterialError(f"{material.name} has the plastic law {material.law} but no yield stress.", "Give a yield stress in Pa.")
 
 
 def _read_library() -> tuple[dict[str, Material], dict[str, Sheet]]:

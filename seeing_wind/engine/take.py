@@ -137,7 +137,8 @@ class Take:
             if not isinstance(values, dict):
                 raise ValueError("it is no mapping")
         except (OSError, ValueError) as error:
-            raise WrongTake(f"{self.file(name)} cannot be read: {_reason(error)}.", "Run `recover` for this take first.") from error
+            hint = f"Run `recover` for this take {'again' if self.file(name).exists() else 'first'}."
+            raise WrongTake(f"{self.file(name)} cannot be read: {_reason(error)}.", hint) from error
         return values
 
     def write_arrays(self, name: str, arrays: dict[str, np.ndarray]) -> None:
@@ -151,7 +152,8 @@ class Take:
         try:
             return read_arrays(self.file(name), limit=LARGEST_TAKE)
         except (OSError, ValueError) as error:
-            raise WrongTake(f"{self.file(name)} cannot be read: {_reason(error)}.", "Run `recover` for this take first.") from error
+            hint = f"Run `recover` for this take {'again' if self.file(name).exists() else 'first'}."
+            raise WrongTake(f"{self.file(name)} cannot be read: {_reason(error)}.", hint) from error
 
     # -- stamps ---------------------------------------------------------------------------------------------------------------
 

@@ -182,6 +182,15 @@ def test_an_archive_of_something_else_is_a_take_error(tmp_path: Path) -> None:
         Take(tmp_path).read_arrays("trajectory.npz")
 
 
+def test_what_is_damaged_is_made_again_and_what_is_not_there_first(tmp_path: Path) -> None:
+    for read in (Take(tmp_path).read_json, Take(tmp_path).read_arrays):
+        with pytest.raises(TakeError, match="no.npz cannot be read: No such file or directory. Run `recover` for this take first."):
+            read("no.npz")
+        (tmp_path / "cut.npz").write_text("cut")
+        with pytest.raises(TakeError, match="cut.npz cannot be read: .* Run `recover` for this take again."):
+            read("cut.npz")
+
+
 def test_unreadable_json_is_a_take_error(tmp_path: Path) -> None:
     for text in ("{", "3"):
         (tmp_path / "report.json").write_text(text)

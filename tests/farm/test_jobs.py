@@ -210,6 +210,8 @@ def test_options_become_words(workplace):
         ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nrender = "a.avi"', "a.avi cannot be written"),
         ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nrecover = { material = "leef" }', "no material 'leef'"),
         ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nrecover = { mask = "m.png" }', "mask of job 1: there is no file"),
+        ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nrecover = { mask = ["m.png"] }', r"mask in recover of job 1 is \['m.png'\]"),
+        ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nrecover = { material = 3 }', "material in recover of job 1 is 3"),
         (VIEW.replace("side.json", "none.json"), r"view of job 1: there is no file \S*none\.json"),
         (VIEW.replace("side.mp4", "none.mp4"), r"view of job 1: there is no file \S*none\.mp4"),
         (VIEW.replace('view = ["side.mp4", ', "view = ["), r"view in recover of job 1 is \['side.json', 'side.png'\]"),

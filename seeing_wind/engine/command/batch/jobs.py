@@ -225,6 +225,9 @@ def _job(table: dict[str, Any], number: int, path: Path) -> Job:
     if "edit" in paths:
         paths.setdefault("edit_take", paths["take"].with_name(f"{paths['take'].name.removesuffix('.take')}.edit.take"))
     named = FILES | FOLDERS
+    for key in sorted((named | {"material"}) & options.keys()):
+        if not isinstance(options[key], str) and options[key] is not False:
+            raise UsageError(f"{key} in recover of {name} is {options[key]!r}.", "Write one text in quotation marks.")
     options = {key: _beside(home, value) if key in named and isinstance(value, str) else value for key, value in options.items()}
     if "view" in options:
         options["view"] = [[_beside(home, word) for word in view] for view in _views(options["view"], name)]

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...errors import UsageError
+from ...errors import MaterialError, UsageError
 from ...field.force_field import ForceField
 from ...materials import DEFAULT, SHEET_UNITS, adjust, find
 from ...records import Body, Material, Particles, Recovery, as_found, body_as_found
@@ -59,11 +59,21 @@ class Actor:
 
 def enter_all(edit: Edit, field: ForceField, recovered: tuple[Body, Recovery] | None, base_dir: Path) -> list[Actor | sheets.Hanging]:
     """All bodies of an edit. Solids that push each other share a grid, so that all are as fine as the one that has to be the finest."""
-    entered = [enter(body, field, recovered, base_dir, edit.coarseness) for body in edit.body]
+    entered = [_enter_named(body, field, recovered, base_dir, edit.coarseness) for body in edit.body]
     finest = min((one.coarser for one in entered if isinstance(one, Actor)), default=1.0)
     if edit.contact and any(isinstance(one, Actor) and one.coarser > finest for one in entered):
         entered = [enter(body, field, recovered, base_dir, finest) for body in edit.body]
     return entered
+
+
+def _enter_named(
+    body: BodyEdit, field: ForceField, recovered: tuple[Body, Recovery] | None, base_dir: Path, coarseness: float
+) -> Actor | sheets.Hanging:
+    """`enter`, with the body's name in what is said of its material."""
+    try:
+        return enter(body, field, recovered, base_dir, coarseness)
+    except MaterialError as error:
+        raise MaterialError(f"{body.name}: {error.message}", error.hint, quantity=error.quantity) from error
 
 
 def enter(
