@@ -75,7 +75,13 @@ class MaterialError(SeeingWindError):
 
 
 class ModelError(SeeingWindError):
-    """An optional model: its folder lacks files or holds others, or its endpoint does not answer or answers nonsense."""
+    """An optional model: see `WrongModel`, or its endpoint does not answer or answers nonsense."""
+
+
+class WrongModel(ModelError):
+    """A model that was given and cannot be used: there is none of that name, its folder lacks files, or holds others."""
+
+    exit_code = WRONG_INPUT
 
 
 class SimulationError(SeeingWindError):

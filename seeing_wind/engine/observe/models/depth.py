@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import torch
 
-from ...errors import ModelError, extra
+from ...errors import ModelError, WrongModel, extra
 from ...progress import Progress
 from ...reading import read_json
 from .catalogue import known
@@ -35,7 +35,7 @@ def predict_depth(name: str, frame: np.ndarray, focal: float, progress: Progress
         focal: the camera's focal length [px].
 
     Raises:
-        ModelError: no such model, wrong files, a model of relative depth, or a depth that is not positive and finite.
+        WrongModel: no such model, wrong files, or a model of relative depth. ModelError: a depth that is not positive and finite.
         MissingPackage: what runs the model is not installed.
     """
     progress.begin("observe", f"depth by {name}")
@@ -50,7 +50,7 @@ def predict_depth(name: str, frame: np.ndarray, focal: float, progress: Progress
         elif str(config.get("model", {}).get("name", "") if isinstance(config.get("model"), dict) else "").startswith("UniDepth"):
             depth = _unidepth(folder, config, frame, focal)
         else:
-            raise ModelError(
+            raise WrongModel(
                 f"The folder {folder} holds a {kind or 'nameless'} model, which gives no metric depth here.",
                 "Known: Depth Anything V2 (metric), Depth Pro, UniDepth V2.",
             )
@@ -69,7 +69,7 @@ def network_input(frame: np.ndarray, width: int, height: int, folder: Path, defa
             values = read_json(place)
             mean, deviation = values.get("image_mean", mean), values.get("image_std", deviation)
         except (OSError, ValueError, AttributeError) as error:
-            raise ModelError(f"{place} cannot be read ({error}).", "Copy all files of the model.") from error
+            raise WrongModel(f"{place} cannot be read ({error}).", "Copy all files of the model.") from error
     shrinks = width * height < frame.shape[0] * frame.shape[1]
     small = cv2.resize(frame, (width, height), interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_CUBIC).astype(np.float32) / 255.0
     return torch.from_numpy(((small - np.float32(mean)) / np.float32(deviation)).transpose(2, 0, 1)[None].copy())
@@ -81,7 +81,7 @@ def _upsample(values: torch.Tensor, frame: np.ndarray) -> np.ndarray:
 
 def _depth_anything(folder: Path, config: dict[str, Any], frame: np.ndarray) -> np.ndarray:
     if config.get("depth_estimation_type") != "metric":
-        raise ModelError(f"{folder} gives relative depth, which has no scale.", "Use a Metric-Indoor or Metric-Outdoor version of it.")
+        raise WrongModel(f"{folder} gives relative depth, which has no scale.", "Use a Metric-Indoor or Metric-Outdoor version of it.")
     kind = package("transformers", TRANSFORMERS).DepthAnythingForDepthEstimation
     model = load(kind, folder, "Depth-Anything-V2-Metric")
     # The authors' size: 518 along the shorter side, both multiples of the patch.

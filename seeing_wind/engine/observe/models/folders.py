@@ -12,7 +12,7 @@ from typing import Any
 
 from safetensors import SafetensorError
 
-from ...errors import MissingPackage, ModelError
+from ...errors import MissingPackage, WrongModel
 from ...reading import read_json
 from .catalogue import KNOWN, cached, known
 
@@ -34,7 +34,7 @@ def find(name: str, task: str) -> Path:
     """The folder of the model that `name` (a folder, or a name on the hub) says.
 
     Raises:
-        ModelError: no such folder, not in the cache, or no weights that may be read in it; says how to get it.
+        WrongModel: no such folder, not in the cache, or no weights that may be read in it; says how to get it.
     """
     entry = known(name)
     folder = Path(name)
@@ -42,14 +42,14 @@ def find(name: str, task: str) -> Path:
         found = cached(name) if name.count("/") == 1 and not name.startswith((".", "/", "~")) else None
         if found is None:
             wanted = entry.how if entry else f"Known for this: {', '.join(one.name for one in KNOWN if one.task == task)}."
-            raise ModelError(f"There is no folder {name}, and the hub's cache does not hold a model of that name.", wanted)
+            raise WrongModel(f"There is no folder {name}, and the hub's cache does not hold a model of that name.", wanted)
         folder = found
     files = sorted(path.name for path in folder.iterdir())
     if not any(one.endswith(".safetensors") for one in files):
         pickles = [one for one in files if one.endswith(PICKLES)]
         what = f"only {pickles[0]}, a pickle, which could run code" if pickles else f"{', '.join(files[:5]) or 'nothing'}"
         how = entry.how if entry else "Get the model's safetensors."
-        raise ModelError(f"The folder {folder} has no *.safetensors: it holds {what}.", how)
+        raise WrongModel(f"The folder {folder} has no *.safetensors: it holds {what}.", how)
     return folder
 
 
@@ -57,14 +57,14 @@ def config_of(folder: Path) -> dict[str, Any]:
     """`config.json` of a model's folder.
 
     Raises:
-        ModelError: missing or not JSON.
+        WrongModel: missing or not JSON.
     """
     try:
         values = read_json(folder / "config.json")
     except (OSError, ValueError) as error:
-        raise ModelError(f"The folder {folder} has no readable config.json ({error}).", "Copy all files of the model.") from error
+        raise WrongModel(f"The folder {folder} has no readable config.json ({error}).", "Copy all files of the model.") from error
     if not isinstance(values, dict):
-        raise ModelError(f"config.json of {folder} is no object.", "Copy all files of the model.")
+        raise WrongModel(f"config.json of {folder} is no object.", "Copy all files of the model.")
     return values
 
 
@@ -72,7 +72,7 @@ def load(kind: Any, folder: Path, wanted: str) -> Any:
     """A transformers model of the class `kind` with the weights of `folder`, ready to be asked.
 
     Raises:
-        ModelError: files of another model (`wanted` names the right one), damaged, or incomplete weights, which transformers would
+        WrongModel: files of another model (`wanted` names the right one), damaged, or incomplete weights, which transformers would
             fill with random numbers.
     """
     try:
@@ -80,10 +80,10 @@ def load(kind: Any, folder: Path, wanted: str) -> Any:
             model, report = kind.from_pretrained(folder, local_files_only=True, use_safetensors=True, output_loading_info=True)
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RuntimeError, SafetensorError) as error:
         first = (str(error).strip().splitlines() or [type(error).__name__])[0][:200]
-        raise ModelError(f"The model in {folder} cannot be loaded: {first}", f"The folder must hold all files of {wanted}.") from error
+        raise WrongModel(f"The model in {folder} cannot be loaded: {first}", f"The folder must hold all files of {wanted}.") from error
     lacking = sorted(report["missing_keys"]) + sorted(str(one) for one in report.get("mismatched_keys", ()))
     if lacking:
-        raise ModelError(
+        raise WrongModel(
             f"The weights in {folder} are incomplete: {len(lacking)} are missing, such as {lacking[0]}.",
             f"The folder must hold all files of {wanted}.",
         )
@@ -94,7 +94,7 @@ def load_plain(model: Any, folder: Path, wanted: str) -> Any:
     """A plain torch module of an authors' package, filled with the folder's safetensors, ready to be asked.
 
     Raises:
-        ModelError: damaged weights, or those of another model.
+        WrongModel: damaged weights, or those of another model.
     """
     from safetensors.torch import load_file
 
@@ -103,7 +103,7 @@ def load_plain(model: Any, folder: Path, wanted: str) -> Any:
         model.load_state_dict(weights)
     except (SafetensorError, RuntimeError) as error:
         first = str(error).splitlines()[0][:120]
-        raise ModelError(f"The weights in {folder} do not fit ({first}).", f"The folder must hold all files of {wanted}.") from error
+        raise WrongModel(f"The weights in {folder} do not fit ({first}).", f"The folder must hold all files of {wanted}.") from error
     return model.eval()
 
 

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import torch
 
-from ...errors import ModelError, ObjectError
+from ...errors import ObjectError, WrongModel
 from ...progress import Progress
 from ..clip.stored import Frames
 from .depth import IMAGENET, TRANSFORMERS, network_input
@@ -30,7 +30,7 @@ def find_box(name: str, text: str, frame: np.ndarray, progress: Progress) -> tup
     """The box x0 y0 x1 y1 [px] of what `text` says in `frame` (H, W, 3) uint8 RGB, the most certain one.
 
     Raises:
-        ModelError: no such model or wrong files. ObjectError: nothing in the frame is that. MissingPackage: transformers is missing.
+        WrongModel: no such model or wrong files. ObjectError: nothing in the frame is that. MissingPackage: transformers is missing.
     """
     progress.begin("observe", f"looking for '{text}'")
     folder = find(name, "detector")
@@ -43,7 +43,7 @@ def find_box(name: str, text: str, frame: np.ndarray, progress: Progress) -> tup
         with quiet():
             words = transformers.AutoTokenizer.from_pretrained(folder, local_files_only=True)(phrase, return_tensors="pt")
     except (OSError, ValueError) as error:
-        raise ModelError(f"The tokenizer in {folder} cannot be loaded.", "Copy all files of the model.") from error
+        raise WrongModel(f"The tokenizer in {folder} cannot be loaded.", "Copy all files of the model.") from error
     height, width = frame.shape[:2]
     scale = min(SHORT_SIDE / min(height, width), LONG_SIDE / max(height, width))
     pixels = network_input(frame, round(width * scale), round(height * scale), folder, IMAGENET)
@@ -69,7 +69,7 @@ class MaskModel:
         """Load it.
 
         Raises:
-            ModelError: no such model or wrong files. MissingPackage: transformers is missing.
+            WrongModel: no such model or wrong files. MissingPackage: transformers is missing.
         """
         self._folder = find(name, "mask")
         _want(self._folder, "sam2_video", "SAM 2")
@@ -129,4 +129,4 @@ class MaskModel:
 def _want(folder: Path, kind: str, name: str) -> None:
     found = config_of(folder).get("model_type")
     if found != kind:
-        raise ModelError(f"The folder {folder} holds a {found or 'nameless'} model, not {name}.", f"Give a folder of {name}.")
+        raise WrongModel(f"The folder {folder} holds a {found or 'nameless'} model, not {name}.", f"Give a folder of {name}.")

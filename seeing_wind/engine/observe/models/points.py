@@ -33,7 +33,7 @@ def follow_points(
         xy (T+1, K, 2) [px], visible (T+1, K) bool, sigma (T+1, K) [px].
 
     Raises:
-        ModelError: no such model or wrong files. MissingPackage: the authors' package is not installed.
+        WrongModel: no such model or wrong files. MissingPackage: the authors' package is not installed.
     """
     progress.begin("observe", f"tracks by {name}")
     entry = known("facebook/cotracker3")

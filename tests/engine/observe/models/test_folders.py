@@ -11,7 +11,7 @@ import torch
 from safetensors.torch import save_file
 
 from seeing_wind.engine.command.doctor import optional_models
-from seeing_wind.engine.errors import MissingPackage, ModelError
+from seeing_wind.engine.errors import WRONG_INPUT, MissingPackage, ModelError
 from seeing_wind.engine.observe.models.catalogue import KNOWN, cached, known
 from seeing_wind.engine.observe.models.depth import predict_depth
 from seeing_wind.engine.observe.models.folders import config_of, find, load_plain, package
@@ -33,7 +33,7 @@ def test_a_model_that_is_not_there_says_how_to_get_it() -> None:
     assert "hf download apple/DepthPro-hf" in caught.value.hint
     with pytest.raises(ModelError) as caught:
         find("my/own", "mask")
-    assert "facebook/sam2.1-hiera-tiny" in caught.value.hint
+    assert "facebook/sam2.1-hiera-tiny" in caught.value.hint and caught.value.exit_code == WRONG_INPUT
 
 
 @pytest.mark.parametrize("name", ["", "nowhere", "../up/there", "a/b/c", "/no/such", "x" * 300 + "/y"])
