@@ -1,10 +1,10 @@
-"""Wind: what air that moves at u(x, t) [m/s] does to a surface that moves at v, and which u made a body move as it did.
+"""Wind: the force that air moving at u(x, t) [m/s] exerts on a moving surface, and the wind u that explains how a body moved.
 
-    drag.py      the force of air on faces and on vertices      felt.py      a recovered force as an observation of the air
-    surface.py   where the air has hold of a body               estimate.py  the most probable wind
-    motion.py    bodies in a wind, part of a frame at a time    verdict.py   whether it is one, and how strong
-    sheet/       what moved a thin sheet                        stage.py     the wind of a take
-    together.py  what several bodies felt of one wind           joined.py    that wind, in the takes of all
+    drag.py      the drag law on faces and on vertices          felt.py      a recovered force as an observation of the air
+    surface.py   the surface of a body that the air acts on     estimate.py  the most probable wind
+    motion.py    simulating bodies in a wind                    verdict.py   whether a wind is plausible, and how strong it is
+    sheet/       the wind on a thin sheet                       stage.py     the stage *wind* of a take
+    together.py  several bodies as observations of one wind     joined.py    that wind, written to the take of each
 """
 
 from .drag import area_normals, face_forces, vertex_drag

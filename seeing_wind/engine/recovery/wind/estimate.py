@@ -1,8 +1,8 @@
-"""From what a body felt to the wind that it was in: the most probable u(x, t) under the drag law, and how well it is known.
+"""From the force on a body to the wind that caused it: the most probable u(x, t) under the drag law, and its uncertainty.
 
-The wind is a mean plus gusts, the latter the Gaussian process of `recovery.prior.kernel`, smooth over places and times of the world, in
-m/s instead of m/s². Sizes, lengths and times are those of greatest evidence. The drag law is not exact, so what it predicts may be wrong
-by a share of the force's size; that share, too, has the greatest evidence, once for the net force and once for its variation over the body.
+The wind is a mean plus gusts. The gusts are a Gaussian process with the kernel of `recovery.prior.kernel`, in m/s instead of m/s², smooth
+over space and time. Its size, length and time maximise the evidence. The drag law is not exact, so its predictions have an error
+proportional to the size of the force; the two factors, for the net force and for its variation over the body, maximise the evidence too.
 """
 
 from __future__ import annotations
@@ -24,20 +24,21 @@ from .felt import Felt
 from .together import FeltTogether
 
 MOST_KNOTS = 24
-"""In time. A longer clip has one every few frames."""
+"""Most knots in time. In a longer clip a knot stands only every few frames."""
 ROUNDS, ITERATIONS = 2, 12
-"""How often the hyperparameters are learnt anew, and linearisations of a solve at most."""
+"""How often the hyperparameters are learnt, and the most linearisations in each solve."""
 MEAN = 20.0
-"""Standard deviation of a component of the mean wind before anything is seen [m/s]."""
+"""Prior standard deviation of each component of the mean wind [m/s]."""
 GUST = 0.5
-"""First guess of a gust, relative to the wind."""
+"""First guess of the size of the gusts, relative to the wind."""
 SHARES = (0.05, 0.1, 0.2, 0.4, 0.8)
-"""Errors of the drag law, relative to the root mean square acceleration, among which the evidence chooses. No such law is better than the
-first: with a smaller one, friction along a plate, whose coefficient is not known to a factor of two, would tell of the wind along it."""
+"""Candidate errors of the drag law, relative to the root mean square acceleration; the evidence chooses. No drag law of this kind is more
+accurate than the first: with a smaller error, the friction along a plate, whose coefficient is uncertain by a factor of two, would be
+taken for evidence of the wind along it."""
 SAMPLES = 4
-"""Particles for each mode at which the covariance of the wind is evaluated."""
+"""Particles per mode at which the covariance of the wind is evaluated."""
 FIRST_SHARE = 1
-"""Index of the one to begin with."""
+"""Index in `SHARES` of the error to begin with."""
 
 
 @dataclass(frozen=True)
@@ -47,21 +48,21 @@ class Estimate:
     velocity: np.ndarray
     """(T, N, 3) u at the particles [m/s]."""
     deviation: np.ndarray
-    """(T, N, 3) its posterior standard deviation [m/s]."""
+    """(T, N, 3) posterior standard deviation of the velocity [m/s]."""
     mean: np.ndarray
-    """(3,) [m/s]."""
+    """(3,) the mean wind [m/s]."""
     kernel: Kernel
-    """Of the gusts."""
+    """Prior covariance of the gusts."""
     shares: tuple[float, float]
-    """Errors of the drag law that the evidence chose: of the net force, and of its variation."""
+    """Relative errors of the drag law with the greatest evidence: for the net force, and for its variation over the body."""
     unexplained: float
-    """Root mean square of the net force that no wind explains, relative to that of the net force."""
+    """Root mean square of the net force that this wind leaves unexplained, relative to that of the net force."""
     evidence: float
-    """Natural logarithm, of the modes of the force, in units of 1 m/s²."""
+    """Natural logarithm of the probability density of the force's modes, in units of 1 m/s²."""
 
 
 Observed = Felt | FeltTogether
-"""D data in each of T frames, and P modes of the wind."""
+"""D data in each of T frames, and P modes in which the wind is written."""
 
 
 @dataclass(frozen=True)
@@ -69,35 +70,35 @@ class Problem:
     """Unknowns theta (n,): coefficients of the gusts (knots, modes, 3), then the mean wind (3,). Data: the modes of the force."""
 
     predicted: Callable[[np.ndarray], np.ndarray]
-    """Coefficients of the wind (T, P, 3) -> data (T, D) [m/s²], the net force first."""
+    """Coefficients of the wind (T, P, 3) -> predicted data (T, D) [m/s²], the net force first."""
     slopes: Callable[[np.ndarray], np.ndarray]
-    """Their derivatives (T, D, P, 3)."""
+    """Coefficients of the wind (T, P, 3) -> derivatives of the predicted data by them (T, D, P, 3)."""
     felt: Observed
     hats: np.ndarray
-    """(T, knots)."""
+    """(T, knots) values of the hat functions of the knots."""
 
     @property
     def measured(self) -> np.ndarray:
-        """(T, D) [m/s²]."""
+        """The data (T, D) [m/s²]."""
         return self.felt.measured
 
     def noise(self, shares: tuple[float, float]) -> np.ndarray:
-        """(T, D) standard deviation of the data [m/s²]."""
+        """(T, D) standard deviation of the data, the error of the drag law included [m/s²]."""
         share = np.where(self.felt.net, *shares)
         return np.sqrt(self.felt.deviation**2 + (share * self.felt.size / math.sqrt(3.0)) ** 2)
 
     def coefficients(self, theta: np.ndarray) -> np.ndarray:
-        """theta (n,) -> (T, P, 3), the mean included."""
+        """Coefficients of the wind (T, P, 3), mean included, of the unknowns theta (n,)."""
         per_frame = np.tensordot(self.hats, theta[:-3].reshape(self.hats.shape[1], self.felt.modes, 3), 1)
         per_frame[:, self.felt.uniform_modes] += theta[-3:]
         return per_frame
 
     def residual(self, theta: np.ndarray, shares: tuple[float, float]) -> np.ndarray:
-        """Whitened (m,)."""
+        """Whitened residual (T * D,) at theta (n,)."""
         return ((self.predicted(self.coefficients(theta)) - self.measured) / self.noise(shares)).ravel()
 
     def linearise(self, theta: np.ndarray, shares: tuple[float, float]) -> Linearisation:
-        """At theta (n,)."""
+        """The whitened problem linearised at theta (n,)."""
         wind = self.coefficients(theta)
         slope = self.slopes(wind) / self.noise(shares)[..., None, None]
         gusts = np.einsum("tk,tdpb->kpbtd", self.hats, slope).reshape(-1, self.measured.size)
@@ -106,12 +107,12 @@ class Problem:
 
 
 def wind_problem(felt: Observed) -> Problem:
-    """The wind as what explains the force."""
+    """The problem in which a wind explains the force through the drag law."""
     return Problem(felt.predicted, felt.slopes, felt, _hats(len(felt.measured)))
 
 
 def force_problem(felt: Felt) -> Problem:
-    """The force as nothing but itself: what the wind has to be more probable than."""
+    """The rival problem, in which the unknown is a force without a drag law: the wind has to be more probable than that."""
     return Problem(
         lambda force: np.einsum("tdpi,tpi->td", felt.seen, force),
         lambda force: felt.seen,
@@ -131,25 +132,25 @@ def spacing_of(frames: int) -> float:
 
 @dataclass(frozen=True)
 class Found:
-    """A solved problem."""
+    """The solution of a `Problem`."""
 
     theta: np.ndarray
     precision: np.ndarray
-    """(n, n) of the posterior."""
+    """(n, n) precision of the posterior of theta."""
     kernel: Kernel
     shares: tuple[float, float]
     evidence: float
 
 
-def solved(
+def solve_problem(
     problem: Problem, places: Places, starts: Sequence[np.ndarray], mean: float, progress: Progress = NoProgress()
 ) -> Found:
     """The most probable theta, with the hyperparameters of greatest evidence.
 
     Args:
-        places: of the modes, see `places_of`.
-        starts: each (T, P, 3) coefficients to begin with; what becomes most probable of them is gone on with.
-        mean: standard deviation of a component of the mean.
+        places: where the modes are evaluated, see `places_of`.
+        starts: several (T, P, 3) coefficients to start from; only the solution of the lowest cost is refined.
+        mean: prior standard deviation of each component of the mean.
     """
     size = max(GUST * float(np.sqrt(np.mean([(one[:, 0] ** 2).mean() for one in starts]))), 1e-3 * mean)
     prior = Prior(Kernel(size**2 * np.eye(3)), places, np.full(3, mean))
@@ -167,7 +168,7 @@ def solved(
 
 
 def places_of(basis: SpatialBasis, path: np.ndarray, spacing: float, counts: Sequence[int] = ()) -> Places:
-    """`Places.along` with a few particles for all, as so few modes need no more; `counts`: how many each of several bodies has."""
+    """`Places.along` with a sample of the particles, which suffices for so few modes; `counts`: particles of each of several bodies."""
     counts = counts or [len(basis.phi)]
     most, rows = math.ceil(SAMPLES * basis.phi.shape[1] / len(counts)), []
     for begin, count in zip(np.cumsum([0, *counts]), counts):
@@ -178,7 +179,7 @@ def places_of(basis: SpatialBasis, path: np.ndarray, spacing: float, counts: Seq
 
 
 def _first(problem: Problem, start: np.ndarray) -> np.ndarray:
-    """theta (n,) nearest to coefficients (T, P, 3)."""
+    """The unknowns theta (n,) whose wind is nearest to the coefficients (T, P, 3)."""
     uniform = problem.felt.uniform_modes
     mean = start[:, uniform].mean(axis=(0, 1))
     gusts = np.tensordot(np.linalg.pinv(problem.hats), start, 1)
@@ -194,13 +195,13 @@ def _most_probable(problem: Problem, prior: Prior, theta: np.ndarray, shares: tu
 
 
 def log_evidence(problem: Problem, prior: Prior, theta: np.ndarray, shares: tuple[float, float]) -> float:
-    """Of the data, linearised at theta."""
+    """Log evidence of the data, with the problem linearised at theta."""
     noise, found = problem.noise(shares), linearised_evidence(problem.linearise(theta, shares), prior.precision())
     return float(found - np.log(noise).sum() - 0.5 * math.log(2.0 * math.pi) * noise.size)
 
 
 def _best_shares(problem: Problem, prior: Prior, theta: np.ndarray, shares: tuple[float, float]) -> tuple[float, float]:
-    """The errors of the law with the greatest evidence, one after the other."""
+    """The errors of the drag law with the greatest evidence, chosen one after the other."""
     for which in range(1 if problem.felt.net.all() else 2):
         trials = [(share, shares[1]) if which == 0 else (shares[0], share) for share in SHARES]
         shares = max(trials, key=lambda one: log_evidence(problem, prior, theta, one))
@@ -210,17 +211,17 @@ def _best_shares(problem: Problem, prior: Prior, theta: np.ndarray, shares: tupl
 def wind_of(
     felt: Observed, basis: SpatialBasis, path: np.ndarray, progress: Progress = NoProgress(), counts: Sequence[int] = ()
 ) -> Estimate:
-    """The wind over the body, or over several as one (`together`).
+    """The most probable wind on a body, or on several bodies that are treated as one (`together`).
 
     Args:
-        felt: what the body felt, in the modes `basis`.
-        path: (T+1, N, 3) where its particles went [m].
-        counts: how many particles each of several bodies has, one body after the other.
+        felt: the force on the body, in the modes `basis`.
+        path: (T+1, N, 3) positions of its particles [m].
+        counts: number of particles of each of several bodies, in order.
     """
     problem = wind_problem(felt)
     uniform = felt.uniform()
     starts = [_filled(one, felt) for one in (uniform, np.broadcast_to(uniform.mean(axis=0), uniform.shape))]
-    best = solved(problem, places_of(basis, path, spacing_of(len(felt.measured)), counts), starts, MEAN, progress)
+    best = solve_problem(problem, places_of(basis, path, spacing_of(len(felt.measured)), counts), starts, MEAN, progress)
     wind = problem.coefficients(best.theta)
     missed, net = (felt.measured - felt.predicted(wind))[:, felt.net], felt.measured[:, felt.net]
     return Estimate(
@@ -235,7 +236,7 @@ def wind_of(
 
 
 def _filled(uniform: np.ndarray, felt: Observed) -> np.ndarray:
-    """A wind (T, 3) that is the same over the body as coefficients (T, P, 3)."""
+    """Coefficients (T, P, 3) of a wind (T, 3) that is uniform over the body."""
     start = np.zeros((len(uniform), felt.modes, 3))
     start[:, felt.uniform_modes] = uniform[:, None]
     return start
@@ -244,7 +245,7 @@ def _filled(uniform: np.ndarray, felt: Observed) -> np.ndarray:
 def deviation_of(covariance: np.ndarray, hats: np.ndarray, basis: SpatialBasis, uniform_modes: Sequence[int] = (0,)) -> np.ndarray:
     """(T, N, 3) standard deviation [m/s] at the particles, from the covariance (n, n) of gusts and mean."""
     knots, modes = hats.shape[1], basis.phi.shape[1]
-    # the mean counts in every frame, as a further knot of the uniform modes
+    # The mean enters in every frame, as a further knot of the uniform modes would.
     rows = np.zeros((len(hats), modes, 3, len(covariance)))
     for component in range(3):
         for mode in range(modes):

@@ -1,4 +1,4 @@
-"""Stage *wind* of several takes of one clip: a wind that all their objects were in -> `wind.safetensors` and `wind.json` in each."""
+"""Stage *wind* for several takes of one clip: one wind that moved all their objects -> `wind.safetensors` and `wind.json` in each."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ VERSION = 1
 
 @dataclass(frozen=True)
 class Taken:
-    """An object of the clip, as its take has it."""
+    """An object of the clip, as read from its take."""
 
     take: Take
     body: Body
@@ -36,18 +36,18 @@ class Taken:
 
     @staticmethod
     def of(take: Take) -> Taken:
-        """Read back.
+        """Read an object from its take.
 
         Raises:
-            UsageError: a take that cannot be joined with others. WrongTake: a damaged one.
+            UsageError: if the take cannot be joined with others. WrongTake: if it is damaged.
         """
         if not take.file("particles.npz").is_file() or not take.file(TRAJECTORY).is_file():
             raise UsageError(f"{take.path} holds no object recovered from a clip.", "Run `recover` with --take for this folder first.")
         body = read_body(take)
         if body.sheet is not None:
             raise UsageError(
-                f"{take.path} is a thin sheet, whose wind comes from the forces on its vertices and cannot be joined with others.",
-                "Recover it with --form solid to join it.",
+                f"{take.path} holds a thin sheet. A sheet's wind comes from the forces on its vertices and cannot be joined with others.",
+                "Recover the object with --form solid to join it.",
             )
         stage = take.description().get("stages", {}).get("recover", {})
         arrays = take.read_arrays(TRAJECTORY)
@@ -58,16 +58,19 @@ class Taken:
 
     @property
     def name(self) -> str:
-        """Of the folder."""
+        """Name of the take's folder."""
         return self.take.path.name
 
 
 def join_winds(takes: Sequence[Take], progress: Progress) -> dict[str, Any]:
-    """Find the wind in which the objects of all takes moved as they did, and leave it in each; returns `wind.json`.
+    """Find one wind that explains how the objects of all takes moved, and write it to each take.
+
+    Returns:
+        The contents of `wind.json`.
 
     Raises:
-        UsageError: fewer than two takes, takes of other clips or frames, or one without an object that the wind moves as a solid.
-        ObjectError: where no wind can have made one of the forces. What was in the takes stays.
+        UsageError: for fewer than two takes, takes that differ in frames or frame rate, or a take without a solid object from a clip.
+        ObjectError: if no wind can have caused one of the forces. The takes are then left as they were.
     """
     if len({take.path.resolve() for take in takes}) < 2:
         raise UsageError("One wind for several objects needs at least two different takes.", "Name the takes of two objects of a clip.")
@@ -96,7 +99,7 @@ def join_winds(takes: Sequence[Take], progress: Progress) -> dict[str, Any]:
 
 
 def _estimated(seen: Sequence[Taken], progress: Progress) -> tuple[Estimate, Particles, Recovery]:
-    """The wind over all particles, one object after the other, and these as one body with it in place of a force."""
+    """The wind at the particles of all objects in order, these particles as one body, and its recovery with the wind as its force."""
     parts = [felt_in(one.body, one.body.particles, one.body.material, one.recovery, one.fps, one.solving) for one in seen]
     counts = [len(one.body.particles.x) for one in seen]
     union = basis_together([basis for _, basis, _ in parts], [one.body.particles.x for one in seen])
@@ -109,7 +112,7 @@ def _estimated(seen: Sequence[Taken], progress: Progress) -> tuple[Estimate, Par
         own = replace(found, velocity=found.velocity[:, rows], deviation=found.deviation[:, rows])
         against = objection(own, one.recovery, one.body.particles, one.body.material.density, one.fps, one.solving.gravity)
         if against:
-            raise ObjectError(f"{one.name} is in no wind. {against}", "Join the others without it.")
+            raise ObjectError(f"No wind moves the object of {one.name}. {against}", "Join the others without it.")
     bodies = [one.body.particles for one in seen]
     particles = Particles(
         np.concatenate([one.x for one in bodies]), np.concatenate([one.volume for one in bodies]),

@@ -1,9 +1,9 @@
-"""Bodies in a wind: their drag from their own surface, speed and attitude, renewed several times in a frame.
+"""Simulating bodies in a wind: drag depends on each body's surface, velocity and attitude, and is renewed several times per frame.
 
-A light body reaches the wind's speed within a frame, and one that flutters turns in it, so a force held over a whole frame would carry it
-past the wind. A frame is cut into parts, in each of which a piece of surface loses only a little of its velocity relative to the air.
-What it loses in a part is that of the implicit step of `drag`: D w becomes D w' with w' = (1 + dt D / m)^-1 (w - dt g), m the mass behind
-the piece and g gravity, so that a body of any weight ends the part slower than the air, and one that sinks steadily goes on to.
+A light body reaches the wind's speed within a frame, and a fluttering one turns within a frame, so a force held over the whole frame would
+make it overtake the wind. Each frame is therefore cut into parts in which the velocity relative to the air changes only a little. In each
+part the force is that of the implicit step of `drag`: D w' instead of D w, with w' = (1 + dt D / m)^-1 (w - dt g), where m is the mass
+behind the piece and g gravity. A body of any weight then ends the part slower than the air, and one at terminal velocity keeps it.
 """
 
 from __future__ import annotations
@@ -21,21 +21,21 @@ from .drag import AIR, TINY, face_damping
 from .surface import BodySurface
 
 LOST = 0.25
-"""Share of the velocity relative to the air that a body may lose in a part of a frame, and radians that it may turn."""
+"""In one part of a frame a body may lose this share of its velocity relative to the air, and turn by this angle [rad]."""
 MOST_PARTS = 24
-"""Of a frame."""
+"""Most parts per frame."""
 
 
 @dataclass(frozen=True)
 class Sail:
-    """A body of a simulation as the air sees it."""
+    """A simulated body with the surface on which the air acts."""
 
     surface: BodySurface
     rows: slice
-    """Its particles in the model."""
+    """The body's particles in the model."""
 
     def drag(self, model: Model, state: State, wind: Callable[[np.ndarray], np.ndarray], dt: float) -> np.ndarray:
-        """Force of the air on its particles (N, 3) [N], as it acts over a time dt [s]."""
+        """Force of the air on the body's particles (N, 3) [N], implicit over a time dt [s]."""
         x, v, F = state.x[self.rows], state.v[self.rows], state.F[self.rows]
         normals = self.surface.normals(x, F)
         relative = wind(self.surface.attachment.follow(x)) - self.surface.attachment.follow(v)
@@ -46,7 +46,7 @@ class Sail:
         return self.surface.spread((damping @ after)[..., 0], len(x))
 
     def haste(self, model: Model, state: State, wind: Callable[[np.ndarray], np.ndarray]) -> float:
-        """How fast its velocity relative to the air changes, relative to that velocity, or its attitude does [1/s]."""
+        """The larger of two rates [1/s]: relative change of the velocity relative to the air, and rotation of the body."""
         x = state.x[self.rows]
         relative = wind(x) - state.v[self.rows]
         normals = self.surface.normals(x, state.F[self.rows])
@@ -55,7 +55,7 @@ class Sail:
         return max(rate, float(np.linalg.norm(C - C.T)) / math.sqrt(2.0))
 
     def _mass_per_area(self, model: Model, normals: np.ndarray) -> float:
-        """Mass [kg] over the area [m²] of one side: half the surface of a closed body."""
+        """The body's mass over the area of one side, which is half the surface of a closed body [kg/m²]."""
         area = float(np.linalg.norm(normals, axis=1).sum()) * (0.5 if self.surface.closed else 1.0)
         return float(model.mass[self.rows].sum()) / max(area, TINY)
 
@@ -68,14 +68,15 @@ def advance_in_wind(
     frame: int,
     further: Callable[[State, np.ndarray, float], np.ndarray],
 ) -> State:
-    """One frame of bodies in a wind.
+    """Advance bodies in a wind by one frame.
 
     Args:
         wind: places (P, 3) [m] -> velocity of the air there (P, 3) [m/s] in this frame.
-        further: state, acceleration by the air (N, 3) [m/s²] and duration [s] -> acceleration with everything else that is no gravity.
+        further: function of state, acceleration by the air (N, 3) [m/s²] and duration [s]; it returns the acceleration with all other
+            effects but gravity added.
 
     Raises:
-        SimulationError: as `mpm.rollout`.
+        SimulationError: as in `mpm.rollout`.
     """
 
     haste = max(sail.haste(model, state, wind) for sail in sails)

@@ -1,4 +1,4 @@
-"""Stage *wind*: the recovered force of a take read as a wind -> `wind.safetensors` beside the field, and `wind.json`."""
+"""Stage *wind*: explains the recovered force of a take by a wind -> `wind.safetensors` beside the field, and `wind.json`."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ...take import Take, stamp_of
 from ..clip import still_frames
 from ..journal import TakeJournal
 from ..prior.basis import SpatialBasis, spatial_basis
-from .estimate import Estimate, force_problem, places_of, solved, spacing_of, wind_of
+from .estimate import Estimate, force_problem, places_of, solve_problem, spacing_of, wind_of
 from .felt import Felt, felt_force
 from .surface import BodySurface, mesh_surface, particle_surface
 from .verdict import figures, objection, sentence
@@ -25,20 +25,21 @@ VERSION = 1
 """Part of the stamp: raise it when the results change."""
 FIELD, TOLD = "wind.safetensors", "wind.json"
 MODES, DEGREE = 16, 1
-"""Of the wind over the body: those up to the degree that net force and torque tell of."""
+"""Most modes that are computed, and the highest degree of those used for the wind over the body: net force and torque show no more."""
 FORCE_MEAN = 20.0
-"""Standard deviation of the mean of a force's acceleration [m/s²] before anything is seen, two of gravity."""
+"""Prior standard deviation of the mean acceleration by a force without a drag law [m/s²]: twice gravity."""
 
 
 @dataclass(frozen=True)
 class Wind:
-    """What the stage found."""
+    """The result of the stage."""
 
     field: ForceField | None
-    """u [m/s]; None where the take keeps to its force."""
+    """u [m/s]; None if the take keeps its force."""
     told: dict[str, Any]
-    """As in `wind.json`: `field` is "wind" or "force", `why` says why, and the figures of `verdict.figures`."""
+    """The contents of `wind.json`: `field` is "wind" or "force", `why` gives the reason, and the rest is from `verdict.figures`."""
     notes: list[str]
+    """Notes for the user."""
 
 
 def wind_stage(
@@ -52,14 +53,14 @@ def wind_stage(
     solving: RecoverSettings,
     progress: Progress,
 ) -> Wind:
-    """Find the wind if `settings` ask for it; else leave the take without one.
+    """Find the wind if `settings` ask for it; otherwise remove any wind from the take.
 
     Args:
-        body: with its mesh; None for one that is particles only.
-        solving: of the recovery: gravity, representation and seed.
+        body: the body with its mesh; None for one that is particles only.
+        solving: settings of the recovery, for its gravity, representation, seed and still frames.
 
     Raises:
-        ObjectError: with field "wind", where no wind can have made the force; the reason is in words.
+        ObjectError: with the field "wind", if no wind can have caused the force; the message gives the reason.
     """
     if settings.field in (None, "force"):
         clear(take)
@@ -84,7 +85,7 @@ def wind_stage(
 
 
 def read_wind(take: Take) -> ForceField | None:
-    """The wind of a take, None where it has only a force."""
+    """The wind of a take; None if it has only a force."""
     return load_field(take.file(FIELD)) if take.file(FIELD).is_file() else None
 
 
@@ -98,7 +99,7 @@ def read_back(take: Take) -> Wind:
 
 
 def write_wind(take: Take, field: ForceField | None, told: dict[str, Any], stamp: str) -> None:
-    """What was found, into a take that has been cleared: the stamp comes last."""
+    """Write the result into a take that has been cleared; the stamp comes last."""
     if field is not None:
         with take.writing(FIELD) as path:
             field.save(path)
@@ -107,7 +108,7 @@ def write_wind(take: Take, field: ForceField | None, told: dict[str, Any], stamp
 
 
 def clear(take: Take) -> None:
-    """Remove the wind of an earlier run: it belongs to another force."""
+    """Remove the wind of an earlier run, which belongs to another force."""
     take.withdraw("wind")
     for name in (FIELD, TOLD):
         take.file(name).unlink(missing_ok=True)
@@ -137,7 +138,7 @@ def _found(
         told["log_odds_of_wind"] = odds
         told["field"] = "wind" if odds > 0.0 else "force"
         told["why"] = against or (
-            f"A wind under the drag law is {'more' if odds > 0.0 else 'less'} probable than a force of its own: "
+            f"A wind that acts by the drag law is {'more' if odds > 0.0 else 'less'} probable than a force without one: "
             f"the logarithm of the odds is {odds:.0f}."
         )
     notes = [sentence(told)] if told["field"] == "wind" else []
@@ -149,7 +150,7 @@ def _found(
 def felt_in(
     body: Body | None, particles: Particles, material: Material, recovery: Recovery, fps: float, solving: RecoverSettings
 ) -> tuple[Felt, SpatialBasis, np.ndarray]:
-    """What the body felt in the frames that were not said to be still, the modes of the wind over it, and which frames are still (T,)."""
+    """The force on the body, set to zero in frames marked as still; the modes of the wind over the body; which frames are still (T,)."""
     mass = material.density * particles.volume * ~particles.pinned
     basis = spatial_basis(particles.x, mass, MODES).up_to(DEGREE)
     still = still_frames(solving, len(recovery.force_density))
@@ -158,11 +159,12 @@ def felt_in(
 
 def _force_evidence(felt: Felt, basis: SpatialBasis, path: np.ndarray, progress: Progress) -> float:
     start = np.einsum("tdpi,td->tpi", felt.seen, felt.measured)
-    return solved(force_problem(felt), places_of(basis, path, spacing_of(len(path) - 1)), [start], FORCE_MEAN, progress).evidence
+    places = places_of(basis, path, spacing_of(len(path) - 1))
+    return solve_problem(force_problem(felt), places, [start], FORCE_MEAN, progress).evidence
 
 
 def surface_of(body: Body | None, particles: Particles) -> BodySurface:
-    """The mesh of a body that has one, else the surface of its particles."""
+    """The surface of the body's mesh, or, without a body, of the particles."""
     if body is None:
         return particle_surface(particles)
     mesh = body.surface

@@ -1,10 +1,10 @@
-"""The surface of a simulated body as pieces with an area and a normal: where the air has hold of it.
+"""The surface of a simulated body, on which the air acts, as pieces with an area and a normal.
 
-A body that has a triangle mesh gives its triangles. One that is particles only gets its surface from them: the space within reach of a
-particle is marked on fine voxels, less as many of its outer layers as bring its volume nearest to the body's. The faces between marked and
-unmarked ones are summed for each particle and each way that the surface faces there. Such sums have no stairs: by Gauss's theorem the
-vectors of a stair add up to that of the slope. Both sides of a sheet that is a single particle thick, and the sides that meet at an edge,
-are kept apart.
+If a body has a triangle mesh, the pieces are its triangles. If it is particles only, the surface is built from them: fine voxels within
+reach of a particle are marked, and as many outer layers are removed as bring the marked volume nearest to the body's. The faces between
+marked and unmarked voxels are summed for each particle and each direction that the surface faces there. Such sums show no stairs: by
+Gauss's theorem the area vectors of a staircase add up to that of the slope. The two sides of a sheet one particle thick, and the sides that
+meet at an edge, are kept apart.
 """
 
 from __future__ import annotations
@@ -20,18 +20,18 @@ from ...records import Attachment, Particles
 from .drag import TINY, area_normals
 
 REACH = 1.1
-"""Particle spacings round a particle that are marked at first, so that no gap stays between neighbours."""
+"""Distance from a particle within which voxels are marked at first [spacings]; leaves no gap between neighbours."""
 VOXELS = 4
-"""Per spacing; fewer, see `MOST_VOXELS`, for a large body."""
+"""Voxels per spacing along an axis; fewer for a large body, see `MOST_VOXELS`."""
 MOST_VOXELS = 20_000_000
 SMOOTH = 0.5
-"""Particle spacings over which the surface is smoothed to see which way it faces."""
+"""Standard deviation of the Gaussian that smooths the surface before its direction is determined [spacings]."""
 TERRACE = 2.5
-"""Particle spacings over which areas are shared out."""
+"""Distance over which areas are redistributed [spacings]."""
 FEW = 12
-"""Particles up to which each is a lump of its own."""
+"""In a body of at most this many particles, each counts as a separate cube."""
 SMALLEST = 0.02
-"""Of the square of the spacing: a piece with less area is left out."""
+"""Pieces with a smaller area are left out [squared spacings]."""
 
 
 @dataclass(frozen=True)
@@ -39,22 +39,22 @@ class BodySurface:
     """E pieces of surface that ride on particles."""
 
     attachment: Attachment
-    """Of each piece's centre."""
+    """Attachment of the pieces' centres to the particles."""
     rest: np.ndarray
-    """(E, 3) area normals at rest [m²], pointing outwards where `closed`."""
+    """(E, 3) area normals at rest [m²], pointing outwards if `closed`."""
     closed: bool
-    """As in `drag.face_forces`: air is on the outer side only."""
+    """As in `drag.face_forces`: True if air is on the outer side only."""
     triangles: np.ndarray | None = None
-    """(E, 3) of a mesh; None for pieces of particles."""
+    """(E, 3) triangles of a mesh; None for a surface built from particles."""
     vertices: Attachment | None = None
-    """Of the mesh."""
+    """Attachment of the mesh's vertices to the particles."""
     offset: np.ndarray | None = None
-    """(V, 3) what the attachment does not reproduce of the vertices at rest [m]."""
+    """(V, 3) vertices at rest minus the positions that their attachment gives [m]."""
 
     def normals(self, x: np.ndarray, F: np.ndarray) -> np.ndarray:
-        """Area normals (E, 3) [m²] of the body at positions x (N, 3) [m] with deformation gradients F (N, 3, 3).
+        """Area normals (E, 3) [m²] of a body whose particles are at x (N, 3) [m] with deformation gradients F (N, 3, 3).
 
-        Of a mesh those of its triangles; of particles a = J F^-T A (Nanson's formula).
+        For a mesh, those of its triangles; for particles, a = J F^-T A (Nanson's formula).
         """
         if self.triangles is not None and self.vertices is not None:
             return area_normals(self.vertices.follow(x) + self.offset, self.triangles)
@@ -62,7 +62,7 @@ class BodySurface:
         return np.linalg.det(carrier)[:, None] * np.linalg.solve(np.swapaxes(carrier, 1, 2), self.rest[..., None])[..., 0]
 
     def spread(self, force: np.ndarray, count: int) -> np.ndarray:
-        """Forces, or anything else that adds up, on the pieces (E, ...) -> on `count` particles (N, ...)."""
+        """Distribute forces, or other additive quantities, from the pieces (E, ...) to `count` particles (N, ...)."""
         weight = self.attachment.weight.reshape(*self.attachment.weight.shape, *(1,) * (force.ndim - 1))
         total = np.zeros((count, *force.shape[1:]))
         np.add.at(total, self.attachment.index, weight * force[:, None])
@@ -70,7 +70,7 @@ class BodySurface:
 
 
 def mesh_surface(vertices: np.ndarray, triangles: np.ndarray, attachment: Attachment, x: np.ndarray, closed: bool) -> BodySurface:
-    """The triangles (E, 3) of a mesh, vertices (V, 3) [m] at rest, which ride on particles x (N, 3) by `attachment`."""
+    """The surface of a mesh with vertices (V, 3) [m] at rest and triangles (E, 3), attached to particles x (N, 3) [m] by `attachment`."""
     index = attachment.index[triangles].reshape(len(triangles), -1)
     weight = attachment.weight[triangles].reshape(len(triangles), -1) / 3.0
     offset = vertices - attachment.follow(x)
@@ -78,7 +78,7 @@ def mesh_surface(vertices: np.ndarray, triangles: np.ndarray, attachment: Attach
 
 
 def particle_surface(particles: Particles) -> BodySurface:
-    """The surface of particles at rest. A single particle gets that of a cube of its volume."""
+    """The surface of a body of particles at rest. With at most `FEW` particles, each has the surface of a cube of its volume."""
     x, spacing = particles.x, particles.spacing
     if len(x) <= FEW:
         sides = np.concatenate([np.eye(3), -np.eye(3)])
@@ -97,9 +97,9 @@ def particle_surface(particles: Particles) -> BodySurface:
 
 
 def _level(at: np.ndarray, way: np.ndarray, area: np.ndarray) -> np.ndarray:
-    """Area normals (E, 3), each shared out among the pieces near it, `at` (E, 3) [spacings], that face the same way.
+    """Area normals (E, 3), each redistributed among nearby pieces that face the same way; `at` (E, 3): their places [spacings].
 
-    A slope of a lattice has terraces a particle high, which would feel the wind each by itself.
+    On a lattice a slope becomes terraces one particle high, and each terrace would feel the wind by itself.
     """
     apart = 10.0 * TERRACE * way[:, None]
     tree = cKDTree(np.concatenate([at, apart], axis=1))
@@ -109,9 +109,9 @@ def _level(at: np.ndarray, way: np.ndarray, area: np.ndarray) -> np.ndarray:
 
 
 def _faces(x: np.ndarray, spacing: float, volume: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The voxels' outer faces: centres (M, 3) [m], area normals (M, 3) [m²], and which way (M,) the surface faces there, 0 to 5.
+    """The voxels' outer faces: centres (M, 3) [m], area normals (M, 3) [m²], and the direction (M,) that the surface faces there, 0 to 5.
 
-    That is the axis, and the direction along it, that is nearest to the normal of the smoothed surface.
+    The direction is the signed axis nearest to the normal of the smoothed surface.
     """
     reach = REACH * spacing
     low, high = x.min(axis=0) - reach - spacing, x.max(axis=0) + reach + spacing
@@ -120,7 +120,7 @@ def _faces(x: np.ndarray, spacing: float, volume: float) -> tuple[np.ndarray, np
     shape = np.ceil((high - low) / size).astype(int) + 1
     axes = [low[axis] + size * np.arange(count) for axis, count in enumerate(shape)]
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-    # Cubes round the particles, not balls: a plate keeps its edges.
+    # Cubes around the particles, not balls, so that a plate keeps its edges.
     near = cKDTree(x).query(grid.reshape(-1, 3), p=np.inf, distance_upper_bound=reach)[0].reshape(shape) <= reach
     depth = distance_transform_cdt(near, "chessboard")
     layers = np.arange(1, max(2, int(reach / size)))

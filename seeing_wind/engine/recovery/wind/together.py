@@ -1,8 +1,8 @@
-"""One wind that several bodies were in: each felt it where it was, and what joins them is the prior.
+"""One wind on several bodies: each feels the wind where it is, and a common prior joins them.
 
-The unknowns are the modes of the wind on each body, as for one body alone. Their covariance is that of one Gaussian process over the
-places that all bodies passed, and one mean wind: the nearer two bodies, the more each tells of the air at the other. So a leaf that lies
-along the wind, and hardly feels it, is told by its neighbour, and the field between them is that of both.
+The unknowns are the modes of the wind on each body, as for a single body. Their prior is one mean wind and one Gaussian process over the
+places that all bodies pass: the nearer two bodies are, the more each reveals of the air at the other. A leaf that lies along the wind and
+hardly feels it therefore gets its wind from a neighbour, and the field between two bodies follows from both.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from .felt import Felt
 
 @dataclass(frozen=True)
 class FeltTogether:
-    """What several bodies felt in the same frames as one `Felt`: their data and their modes one after the other."""
+    """The forces on several bodies in the same frames, combined like one `Felt`: data and modes are concatenated in order."""
 
     parts: tuple[Felt, ...]
 
@@ -38,7 +38,7 @@ class FeltTogether:
 
     @property
     def size(self) -> np.ndarray:
-        """(D,) [m/s²]; a light body is accelerated more than a heavy one, and the drag law fails it by as much more."""
+        """(D,) root mean square acceleration of each datum's body [m/s²]: the error of the drag law scales with each body's own."""
         return np.concatenate([one.size for one in self.parts])
 
     @property
@@ -47,11 +47,11 @@ class FeltTogether:
 
     @property
     def uniform_modes(self) -> list[int]:
-        """The first of each body."""
+        """The index of each body's first mode, which is uniform over it."""
         return [rows.start for rows in _one_after_the_other([one.modes for one in self.parts])]
 
     def uniform(self) -> np.ndarray:
-        """(T, 3) a first wind [m/s]: the mean of theirs."""
+        """(T, 3) a first guess of the wind [m/s]: the mean of the bodies' first guesses."""
         first: np.ndarray = np.mean([one.uniform() for one in self.parts], axis=0)
         return first
 
@@ -59,7 +59,7 @@ class FeltTogether:
         return np.concatenate([one.predicted(wind[:, rows]) for one, rows in self._with_modes()], axis=1)
 
     def slopes(self, wind: np.ndarray) -> np.ndarray:
-        """(T, D, P, 3) [1/s]: a body feels the wind on itself only."""
+        """(T, D, P, 3) [1/s], as in `Felt`; zero between the data of a body and the modes of another."""
         slopes = np.zeros((*self.measured.shape, self.modes, 3))
         data = _one_after_the_other([one.measured.shape[1] for one in self.parts])
         for (one, rows), own in zip(self._with_modes(), data, strict=True):
@@ -71,10 +71,11 @@ class FeltTogether:
 
 
 def basis_together(bases: Sequence[SpatialBasis], rest: Sequence[np.ndarray]) -> SpatialBasis:
-    """The modes of several bodies as those of one: each is zero on the others.
+    """The modes of several bodies as those of one: the modes of each are zero on the others.
 
     Args:
-        rest: (N, 3) where each body's particles are in frame 0 [m]. Lengths of the prior count in radii of what they make up together.
+        rest: for each body, (N, 3) positions of its particles in frame 0 [m]. Lengths of the prior are in units of the radius of all
+            particles together.
     """
     everything = np.concatenate(rest)
     centre = everything.mean(axis=0)

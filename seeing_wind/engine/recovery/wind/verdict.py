@@ -1,4 +1,4 @@
-"""What can be said of a recovered wind: whether it may be one at all, and how strong it is."""
+"""Judging a recovered wind: whether a wind can explain the force at all, and how strong the wind is."""
 
 from __future__ import annotations
 
@@ -13,53 +13,53 @@ from .drag import AIR
 from .estimate import Estimate
 
 UNEXPLAINED = 0.5
-"""Share of the net force that no wind explains, from which there is none."""
+"""Above this unexplained share of the net force, the force is not taken for a wind's."""
 SPEEDS = (("mean_speed", "mean"), ("strongest_gust", "strongest_gust"))
-"""Keys of `figures` and of its Beaufort numbers."""
+"""Keys of speeds in `figures`, each with its key in the dictionary of Beaufort numbers."""
 STRONGEST = 60.0
-"""Median speed [m/s] that no wind near the ground has but in the worst hurricanes."""
+"""Median speed [m/s] that winds near the ground exceed only in the worst hurricanes."""
 
 
 class Found(Protocol):
-    """What `figures` speak of."""
+    """An estimate that `figures` can summarise."""
 
     @property
     def velocity(self) -> np.ndarray:
-        """(T, N, 3) [m/s]."""
+        """(T, N, 3) wind at the particles or vertices [m/s]."""
 
     @property
     def deviation(self) -> np.ndarray:
-        """(T, N, 3) [m/s]."""
+        """(T, N, 3) posterior standard deviation of the wind [m/s]."""
 
     @property
     def unexplained(self) -> float:
-        """Share of what moved the body."""
+        """Share of the force that the wind does not explain."""
 
 
 def objection(
     estimate: Estimate, recovery: Recovery, particles: Particles, density: float, fps: float, gravity: tuple[float, float, float]
 ) -> str:
-    """Why the force is none of a wind; "" where it may be one.
+    """Why a wind cannot have caused the force, as text; "" if it can have.
 
     Args:
-        density: of the body [kg/m³].
+        density: density of the body [kg/m³].
         gravity: known acceleration [m/s²].
     """
     acceleration = recovery.force_density / density
     if reaction_remarks(particles, acceleration, recovery.x, gravity):
         return "The force is the reaction that holds the body up against gravity."
     if not particles.pinned.any() and force_remarks(acceleration, density, recovery.x, fps, gravity):
-        return "The body moves as if no air were there: the force is too small to tell of a wind."
+        return "The body moves as if no air were there: the force is too small to show a wind."
     speed = float(np.median(np.linalg.norm(estimate.velocity, axis=-1)))
     if speed > STRONGEST:
-        return f"It would take a wind of {speed:.0f} m/s to push a body of this weight and surface so hard: something else moves it."
+        return f"It would take a wind of {speed:.0f} m/s to push a body of this weight and surface so hard: something else must move it."
     if estimate.unexplained > UNEXPLAINED:
-        return f"No wind pushes this surface in such directions: {100 * estimate.unexplained:.0f} % of the net force stays unexplained."
+        return f"No wind can push this surface in such directions: {100 * estimate.unexplained:.0f} % of the net force stays unexplained."
     return ""
 
 
 def figures(estimate: Found) -> dict[str, Any]:
-    """What the report says of a wind, in plain values."""
+    """The report's figures for a wind, as plain values that JSON can hold."""
     over_time = estimate.velocity.mean(axis=1)
     mean = over_time.mean(axis=0)
     speed = np.linalg.norm(over_time, axis=-1)
@@ -77,9 +77,9 @@ def figures(estimate: Found) -> dict[str, Any]:
 
 
 def sentence(told: dict[str, Any]) -> str:
-    """`figures` in words."""
+    """The `figures` as a note for the user."""
     mean, gust = (f"{in_figures(told[key], 2)} m/s (Beaufort {told['beaufort'][number]})" for key, number in SPEEDS)
     return (
-        f"Effective wind: {mean} in the mean, gusts up to {gust}. It follows from a drag law at the body and is no measurement; "
+        f"Effective wind: {mean} on average, gusts up to {gust}. It was inferred from the body's motion by a drag law, not measured; "
         f"{100 * told['unexplained_share']:.0f} % of the net force stays unexplained."
     )

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.recovery.prior.basis import spatial_basis
-from seeing_wind.engine.recovery.wind.estimate import force_problem, places_of, solved, wind_of
+from seeing_wind.engine.recovery.wind.estimate import force_problem, places_of, solve_problem, wind_of
 from seeing_wind.engine.recovery.wind.felt import felt_force
 from seeing_wind.engine.recovery.wind.surface import particle_surface
 from tests.engine.recovery.wind.blown_plate import DENSITY, FPS, SPEED
@@ -50,7 +50,7 @@ def test_a_component_of_the_force_that_is_hardly_known_is_a_datum_that_counts_fo
 def test_a_wind_is_more_probable_than_a_force_that_happens_to_fade_like_drag(found, blown):
     felt, basis, estimate = found
     start = np.einsum("tdpi,td->tpi", felt.seen, felt.measured)
-    assert estimate.evidence > solved(force_problem(felt), places_of(basis, blown[0].x, 1.0), [start], 20.0).evidence
+    assert estimate.evidence > solve_problem(force_problem(felt), places_of(basis, blown[0].x, 1.0), [start], 20.0).evidence
 
 
 def test_slopes_are_those_of_finite_differences(found):

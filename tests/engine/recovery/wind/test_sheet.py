@@ -86,21 +86,21 @@ def test_what_a_sheet_does_between_frames_is_known_where_it_is_smooth(file):
     smooth = follower.seen.rest + 0.5 * time**2 * [3.0, -2.0, 1.0]
     jerk = smooth + np.where(time * FPS > 8, 0.02, 0.0) * (time - 8 / FPS) * FPS
 
-    def unsure(x):
+    def uncertainty(x):
         problem = problem_of(replace(follower, seen=replace(follower.seen, x=x)))
         still = np.zeros(problem.unknowns)
         forces = problem.forces(still)
-        return np.linalg.norm(problem.unsure(still, forces), axis=1), forces
+        return np.linalg.norm(problem.interpolation_error(still, forces), axis=1), forces
 
-    known, forces = unsure(smooth)
+    known, forces = uncertainty(smooth)
     assert known[2:-2].max() < 1e-3 * np.linalg.norm(forces, axis=1).max()
-    told = unsure(jerk)[0]
+    told = uncertainty(jerk)[0]
     assert abs(int(told.argmax()) - 7) <= 1 and told[2] < 0.01 * told.max()
 
 
 def test_errors_that_are_no_covariance_are_refused(file):
     balance = problem_of(followed(file)).balance
-    with pytest.raises(SimulationError, match="no covariance"):
+    with pytest.raises(SimulationError, match="not positive definite"):
         factor_of(replace(balance, noise=balance.noise - 1e3 * np.eye(balance.noise.shape[1])), balance.seen)
 
 

@@ -1,10 +1,10 @@
-"""The wind, or a force of its own, that moved a sheet whose vertices were seen in 3D.
+"""The wind, or the force without a drag law, that moved a sheet whose vertices were seen in 3D.
 
-    observed.py  where the sheet was seen              balance.py    the forces on it, as its accelerations tell them
-    tension.py   the stress in it, which nobody sees    air.py        what may load it
-    problem.py   unknowns, errors, derivative           estimate.py   the most probable field
-    valley.py    how well it is known                  stage.py      the stages *recover* and *wind* of a take
-    following.py  a simulation that is drawn to it
+    observed.py   where the sheet was seen                 balance.py   the balance of forces on the sheet
+    tension.py    the hidden stress in the sheet           air.py       the loads that the field can be: air or a plain force
+    problem.py    unknowns, errors, derivatives            estimate.py  the most probable field
+    valley.py     the field's uncertainty                  stage.py     the stages *recover* and *wind* of a take
+    following.py  a simulation pulled towards what was seen
 
 See docs/reference/wind.md.
 """

@@ -1,4 +1,4 @@
-"""What may load a sheet: air that moves at u, or a force of its own. Both are fields over the sheet with three components."""
+"""What may load a sheet: air that moves at u, or a force without a drag law. Both are fields over the sheet with three components."""
 
 from __future__ import annotations
 
@@ -11,22 +11,23 @@ from ..drag import area_normals, face_damping, face_force_derivative, vertex_dra
 
 
 class Cause(ABC):
-    """How a field (V, 3) at the vertices loads them."""
+    """A law by which a field (..., V, 3) at the vertices loads them."""
 
     @abstractmethod
     def load(self, field: np.ndarray) -> Load:
-        """For `mpm.shell.advance`."""
+        """The load of a field (V, 3) for `mpm.shell.advance`."""
 
     @abstractmethod
-    def tested(self, field: np.ndarray, x: np.ndarray, v: np.ndarray, tests: np.ndarray) -> np.ndarray:
-        """Its forces in virtual displacements (V, Q), (..., Q, 3), on vertices at x [m] that move at v [m/s], (..., V, 3) as the field."""
+    def generalised_forces(self, field: np.ndarray, x: np.ndarray, v: np.ndarray, tests: np.ndarray) -> np.ndarray:
+        """Generalised forces (..., Q, 3) of the field in the virtual displacements `tests` (V, Q), for vertices at x [m] moving at v [m/s],
+        both (..., V, 3)."""
 
     @abstractmethod
     def slopes(self, field: np.ndarray, x: np.ndarray, v: np.ndarray, tests: np.ndarray, shapes: np.ndarray) -> np.ndarray:
-        """Their derivative (..., Q, 3, P, 3) by the coefficients of the field's modes (V, P)."""
+        """Derivatives (..., Q, 3, P, 3) of the generalised forces by the coefficients of the field's modes `shapes` (V, P)."""
 
     def force(self, field: np.ndarray, x: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """(V, 3) [N] at places x (V, 3) [m] that move at v (V, 3) [m/s]."""
+        """Forces (V, 3) [N] on vertices at x (V, 3) [m] moving at v (V, 3) [m/s]."""
         return self.load(field)(x, v, 0)[0]
 
 
@@ -39,7 +40,7 @@ class Air(Cause):
     def load(self, field: np.ndarray) -> Load:
         return lambda x, v, frame: vertex_drag(field, x, v, self._faces)
 
-    def tested(self, field: np.ndarray, x: np.ndarray, v: np.ndarray, tests: np.ndarray) -> np.ndarray:
+    def generalised_forces(self, field: np.ndarray, x: np.ndarray, v: np.ndarray, tests: np.ndarray) -> np.ndarray:
         w, normals = self._passing(field, x, v)
         force = (face_damping(w, normals) @ w[..., None])[..., 0]
         return tests[self._faces].mean(axis=1).T @ force
@@ -52,12 +53,12 @@ class Air(Cause):
         return flat.reshape(*flat.shape[:-1], here.shape[1], 3, 3).swapaxes(-3, -2)
 
     def _passing(self, field: np.ndarray, x: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Air that passes the faces (..., F, 3) [m/s], and their normals times areas [m²]."""
+        """Wind relative to the faces (..., F, 3) [m/s], and the faces' unit normals times areas (..., F, 3) [m²]."""
         return (field - v)[..., self._faces, :].mean(axis=-2), area_normals(x, self._faces)
 
 
 class Push(Cause):
-    """The field is an acceleration [m/s²], whatever gives it."""
+    """The field is an acceleration [m/s²], whatever its cause."""
 
     def __init__(self, shell: Shell) -> None:
         self._mass = shell.mass
@@ -66,7 +67,7 @@ class Push(Cause):
         force = self._mass[:, None] * field
         return lambda x, v, frame: (force, None)
 
-    def tested(self, field: np.ndarray, x: np.ndarray, v: np.ndarray, tests: np.ndarray) -> np.ndarray:
+    def generalised_forces(self, field: np.ndarray, x: np.ndarray, v: np.ndarray, tests: np.ndarray) -> np.ndarray:
         return np.broadcast_to((self._mass[:, None] * tests).T @ field, (*x.shape[:-2], tests.shape[1], 3))
 
     def slopes(self, field: np.ndarray, x: np.ndarray, v: np.ndarray, tests: np.ndarray, shapes: np.ndarray) -> np.ndarray:

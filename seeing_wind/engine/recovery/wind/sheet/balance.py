@@ -1,13 +1,13 @@
-"""The balance of forces on a sheet that was seen: its accelerations tell what pushed it, but for the tension in it, which nobody sees.
+"""The balance of forces on an observed sheet: its acceleration gives the sum of the cause and the tension, and the tension is hidden.
 
 With h_k the hat over frames k-1 to k+1, Newton's law of the vertices, multiplied by h_k and integrated over time, is exactly
 
     M (x_{k+1} - 2 x_k + x_{k-1}) fps² = M g + ∫ h_k (f_bending + f_membrane + f_cause) dt / ∫ h_k dt
 
-Places between frames are those of a spline. Bending follows from the places; the stress of the membrane does not, as cloth hardly
-stretches: changes of length that nobody can see carry its whole weight. It is a hidden Gaussian (`tension`), and so are errors of what is
-seen. The balance is looked at in Q smooth virtual displacements, the lowest bending modes of the sheet as it is held, of which the
-forces at the clamp, also hidden, know nothing. No simulation takes part.
+Positions between frames are interpolated by a spline. Bending follows from the positions; membrane stress does not, as cloth hardly
+stretches: changes of length too small to see carry its whole weight. The stress is a hidden Gaussian variable (`tension`), and so are the
+errors of the observed positions. The balance is evaluated in Q smooth virtual displacements, the lowest bending modes of the sheet as it is
+held; these vanish at the clamp, whose unknown forces therefore drop out. No simulation is needed.
 """
 
 from __future__ import annotations
@@ -22,44 +22,44 @@ from .observed import Observed
 from .tension import Tension
 
 TESTS = 15
-"""Q at most. Higher ones tell of folds as small as the mesh, which two engines fold differently."""
+"""Largest Q. Higher modes describe folds as small as the mesh, which differ between engines."""
 MOST_DATA = 6000
-"""(T-1) 3 Q at most: time and memory grow with its square and more. A longer clip has fewer modes."""
+"""Largest (T-1) 3 Q: time and memory grow at least with its square. A longer clip gets fewer modes."""
 POINTS = 2
-"""Of Gauss's rule in each frame."""
+"""Points of Gauss's rule in each frame."""
 ROUGH = 0.015
-"""Standard deviation of an acceleration's error at a vertex, as a part of the root mean square: what is left by the sampling in time."""
+"""Standard deviation of the error of a vertex's acceleration, relative to the root mean square: what sampling in time leaves."""
 SLACK = 0.003
-"""Of the edges' length: how far places between frames may be off, as the bending forces see them."""
+"""Error of positions between frames in the bending forces, relative to the length of the edges."""
 MOMENT = 0.3
-"""Error of the bending moment in each face, as a part of the root mean square: two meshes, or two clamps, of the same sheet differ so."""
+"""Error of the bending moment in each face, relative to the root mean square: two meshes or two clamps of one sheet differ by as much."""
 INSTANT = 1e-4
-"""s, of the finite difference that damps the bending."""
+"""Step of the finite difference for the damping of the bending [s]."""
 
 
 @dataclass(frozen=True)
 class Moments:
-    """When the sheet is looked at, between frames too: at S points of Gauss's rule in each of T frames."""
+    """A sheet's state at the times where the balance is evaluated: S points of Gauss's rule in each of T intervals between frames."""
 
     x: np.ndarray
-    """(T, S, V, 3) places [m] and"""
+    """(T, S, V, 3) positions [m]."""
     v: np.ndarray
     """(T, S, V, 3) velocities [m/s]."""
     rising: np.ndarray
-    """(S,) weights of a frame's points under the hat that ends with it, and"""
+    """(S,) weights of an interval's points under the hat whose peak is at the interval's end."""
     falling: np.ndarray
-    """(S,) under the one that begins with it."""
+    """(S,) weights under the hat whose peak is at the interval's start."""
 
     @staticmethod
-    def of(seen: Observed, plainly: bool = False) -> Moments:
-        """Of a sheet's path, or `plainly` by the other interpolation."""
+    def of(seen: Observed, catmull_rom: bool = False) -> Moments:
+        """The moments of a sheet's path, interpolated by the cubic spline or by Catmull and Rom's."""
         at, weight = np.polynomial.legendre.leggauss(POINTS)
         at, weight = 0.5 * (1.0 + at), 0.5 * weight
-        path = seen.plainly_at if plainly else seen.at
+        path = seen.catmull_rom_at if catmull_rom else seen.at
         return Moments(*path(np.arange(seen.frames)[:, None] + at), weight * at, weight * (1.0 - at))
 
     def over_hats(self, values: np.ndarray) -> np.ndarray:
-        """Means (T-1, ...) under the hats of values (T, S, ...)."""
+        """Means (T-1, ...) of values (T, S, ...), weighted by the hats."""
         return np.tensordot(values[:-1], self.rising, (1, 0)) + np.tensordot(values[1:], self.falling, (1, 0))
 
 
@@ -68,24 +68,25 @@ class Balance:
     """K = T-1 balances of 3 Q components each [kg^1/2 m/s²]."""
 
     tests: np.ndarray
-    """(V, Q) virtual displacements; orthonormal over the mass."""
+    """(V, Q) virtual displacements, orthonormal over the mass."""
     at: Moments
-    plainly: Moments
-    """The same moments by another interpolation."""
+    """The sheet's state, interpolated by a cubic spline."""
+    catmull_rom: Moments
+    """The same moments by Catmull and Rom's interpolation."""
     seen: np.ndarray
-    """(K, 3 Q) what the cause has to make up for: inertia less weight and bending."""
+    """(K, 3 Q) generalised forces that cause and tension have to provide: inertia less weight and bending."""
     bending: np.ndarray
-    """(K, 3 Q) forces of bending."""
+    """(K, 3 Q) generalised forces of bending."""
     hidden: np.ndarray
-    """(K, 3 Q, 3 Q) covariance of tension and sampling, independent from frame to frame."""
+    """(K, 3 Q, 3 Q) covariance of tension and of sampling errors, independent from frame to frame."""
     bent: np.ndarray
-    """(3 Q, 3 Q) that of what is wrong with `bending` in some faces and not in others, which lasts."""
+    """(3 Q, 3 Q) covariance of the error in `bending` from wrong moments in individual faces, which changes only slowly over the frames."""
     noise: np.ndarray
-    """(T+1, 3 Q, 3 Q) that of errors in the places of each frame, times mass and fps²: the balance has their second difference."""
+    """(T+1, 3 Q, 3 Q) covariance of each frame's position errors times mass and fps²; the balance contains their second difference."""
 
 
 def balance_of(shell: Shell, seen: Observed, gravity: np.ndarray) -> Balance:
-    """The balance of a sheet that was seen in at least three frames; gravity: (3,) [m/s²]."""
+    """The balance of forces on a sheet that was seen in at least three frames; gravity: (3,) [m/s²]."""
     tests, squared = _modes(shell, max(1, min(TESTS, MOST_DATA // (3 * max(1, seen.frames - 1)))), seen.fps)
     at = Moments.of(seen)
     acceleration = np.diff(seen.x, 2, axis=0) * seen.fps**2 - gravity
@@ -104,7 +105,7 @@ def balance_of(shell: Shell, seen: Observed, gravity: np.ndarray) -> Balance:
     return Balance(
         tests,
         at,
-        Moments.of(seen, plainly=True),
+        Moments.of(seen, catmull_rom=True),
         seen=(inertia - bending).reshape(count, -1),
         bending=bending.reshape(count, -1),
         hidden=hidden + white + _in_each_direction(off**2 * squared[:, None] * vertices * squared),
@@ -114,7 +115,7 @@ def balance_of(shell: Shell, seen: Observed, gravity: np.ndarray) -> Balance:
 
 
 def _noise(shell: Shell, seen: Observed, tests: np.ndarray) -> np.ndarray:
-    """(T+1, 3 Q, 3 Q), see `Balance`: of vertices whose errors have nothing to do with each other's, or as a camera measured them."""
+    """`Balance.noise` (T+1, 3 Q, 3 Q): for independent errors of the vertices, or with the covariance of a camera's measurement."""
     weighted = shell.mass[:, None] * tests * seen.fps**2
     if seen.measured is None:
         variances = np.broadcast_to(seen.deviation**2, seen.x.shape[:2])
@@ -124,15 +125,15 @@ def _noise(shell: Shell, seen: Observed, tests: np.ndarray) -> np.ndarray:
 
 
 def _in_each_direction(covariance: np.ndarray) -> np.ndarray:
-    """(3 Q, 3 Q) of (Q, Q)."""
+    """Covariance (3 Q, 3 Q) of three independent directions, each with the covariance (Q, Q)."""
     return np.kron(covariance, np.eye(3))
 
 
 def _modes(shell: Shell, count: int, fps: float) -> tuple[np.ndarray, np.ndarray]:
     """The lowest bending modes (V, Q) of the sheet as it is held, orthonormal over the mass, and their squared frequencies (Q,).
 
-    Those that swing faster than half the frame rate are left out, but for the first: their shapes follow the load, and how stiff they are
-    hangs on the mesh and on how the clamp is made.
+    Modes that oscillate faster than half the frame rate are left out, except for the first: they follow the load quasi-statically, and
+    their stiffness depends on the mesh and on the details of the clamp.
     """
     free = np.flatnonzero(~shell.pinned)
     matrix = shell.bending.matrix[free][:, free].toarray()
@@ -147,7 +148,7 @@ def _modes(shell: Shell, count: int, fps: float) -> tuple[np.ndarray, np.ndarray
 
 
 def _wrong_moments(shell: Shell, seen: Observed, tests: np.ndarray) -> np.ndarray:
-    """(Q, Q) covariance, in one direction, of the forces of moments that are wrong by `MOMENT`."""
+    """Covariance (Q, Q), in one direction, of the generalised forces of bending moments with the relative error `MOMENT`."""
     b, count = shell.bending, len(shell.surface.faces)
     parts = [b.curvature[i * count : (i + 1) * count] for i in range(3)]
     places = seen.x.swapaxes(0, 1).reshape(len(shell.mass), -1)
@@ -158,7 +159,7 @@ def _wrong_moments(shell: Shell, seen: Observed, tests: np.ndarray) -> np.ndarra
 
 
 def _bending(shell: Shell, x: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Forces (V, 3) [N] of bending, damped as the sheet's material is."""
+    """Forces (V, 3) [N] of bending, with the damping of the sheet's material."""
 
     def elastic(place: np.ndarray) -> np.ndarray:
         faces = shell.forces.faces(place)

@@ -1,7 +1,7 @@
-"""The most probable field on a sheet: Gauss-Newton on the balance of forces, with the prior of greatest evidence.
+"""The most probable field on a sheet: Gauss-Newton on the balance of forces, under the prior of greatest evidence.
 
 The prior is that of any body's wind (`wind.estimate`): a mean, and gusts that are a Gaussian process over the places and times that the
-sheet passes. What the sheet does not feel, such as wind along it, stays as the prior has it, with a large deviation.
+sheet passes. What the sheet does not feel, such as wind along it, keeps its prior value, with a large deviation.
 """
 
 from __future__ import annotations
@@ -27,59 +27,59 @@ from .balance import balance_of
 from .following import Follower
 from .observed import Observed
 from .problem import SheetProblem, factor_of
-from .valley import Posterior, mixed, walked
+from .valley import Posterior, mixed, posterior_of
 
 MODES = 6
-"""Of the field over the sheet: constant, linear and quadratic."""
+"""Modes of the field over the sheet: constant, linear and quadratic."""
 SPACING = 2.0
-"""Frames between the field's knots; more for clips that would have more than `MOST_KNOTS`. In others there may be a knot in every frame,
+"""Frames between the field's knots; more in clips that would have more than `MOST_KNOTS`. In shorter clips there is a knot in every frame
 if that is more probable."""
 MOST_KNOTS = 60
 LAWS = (0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2)
-"""Errors of the law, of which the most probable is taken. No two engines' cloth agrees more closely than the first."""
+"""Candidate relative errors of the cause's law; the evidence chooses. No two engines' simulations of cloth agree better than the first."""
 NOISES = (1.0, 2.0, 4.0, 8.0, 16.0)
-"""How many times as large as a camera says its errors are taken for: where folds hide parts, it errs in what it does not see."""
+"""Candidate factors on the errors estimated from a camera's images: where folds hide parts, the error of the hidden parts is larger."""
 BREEZE = 2.5
-"""Standard deviation of a component of the mean wind before anything is seen [m/s], which makes a gentle breeze, Beaufort 3. A sheet that
-turns little hardly tells a wind across it from a stronger one at a slant, and of these the weaker is more likely."""
+"""Prior standard deviation of each component of the mean wind [m/s], which makes a gentle breeze, Beaufort 3. A sheet that turns little can
+hardly distinguish a wind across it from a stronger one at a slant; of these, the prior prefers the weaker."""
 ITERATIONS, ROUNDS = 8, 3
-"""Linearisations of a solve at most, and solves: hyperparameters and errors are learnt between them."""
+"""Most linearisations in each solve, and the number of solves; hyperparameters and errors are learnt between solves."""
 STEPS = 6
-"""On each of the steady winds that are tried first."""
+"""Most evaluations for each of the steady winds that are tried first."""
 CHANGED = 1e-3
-"""Converged when a solve after the first lowers the cost by less than this part."""
+"""A solve after the first has converged when it lowers the cost by less than this fraction."""
 
 
 @dataclass(frozen=True)
 class SheetEstimate:
-    """What was found."""
+    """The most probable field on a sheet, and what follows from it."""
 
     cause: str
     """"wind" or "force"."""
     velocity: np.ndarray
-    """(T, V, 3) at the vertices: wind [m/s]; of a force of its own the acceleration [m/s²]."""
+    """(T, V, 3) field at the vertices: wind [m/s], or, for a force without a drag law, acceleration [m/s²]."""
     deviation: np.ndarray
-    """(T, V, 3) its posterior standard deviation, see `valley`."""
+    """(T, V, 3) posterior standard deviation of the field, see `valley`."""
     mean: np.ndarray
-    """(3,)."""
+    """(3,) mean of the field."""
     force: np.ndarray
-    """(T, V, 3) on the vertices, mean over each frame's ends [N]."""
+    """(T, V, 3) force on the vertices in the middle of each frame [N]."""
     force_deviation: np.ndarray
-    """(T, V, 3) [N]."""
+    """(T, V, 3) standard deviation of the force [N]."""
     x: np.ndarray
-    """(T+1, V, 3) where the simulation went that followed the sheet [m]."""
+    """(T+1, V, 3) path of the simulation that follows the sheet [m]."""
     unexplained: float
-    """Of what the forces lack without the field, in units of their errors, the part that they lack with it."""
+    """Norm of the whitened residual with the field, relative to the norm without it."""
     evidence: float
     """Natural logarithm."""
     iterations: int
     converged: bool
     law: float
-    """Error of the cause's law, as a part of its force."""
+    """Error of the cause's law, relative to its force."""
 
     @property
     def uncertain(self) -> float:
-        """Deviation of the field, in its units: median over vertices and frames."""
+        """Deviation of the field, in the field's unit: median over vertices and frames."""
         return float(np.median(np.linalg.norm(self.deviation, axis=-1)))
 
     @property
@@ -89,12 +89,12 @@ class SheetEstimate:
         return float(np.median(np.linalg.norm(self.deviation, axis=-1) / np.maximum(size, 1e-300)))
 
     def cause_of(self, shell: Shell) -> Cause:
-        """What the field does to a sheet."""
+        """The cause by which the field loads a sheet."""
         return Air(shell) if self.cause == "wind" else Push(shell)
 
 
 def follower_of(shell: Shell, seen: Observed, gravity: Sequence[float], cause: Cause) -> Follower:
-    """The simulation that follows a sheet."""
+    """The simulation that follows an observed sheet; gravity: (3,) [m/s²]."""
     return Follower(shell, seen, np.asarray(gravity, np.float64), cause)
 
 
@@ -102,11 +102,12 @@ def field_of(follower: Follower, mean: float, progress: Progress = NoProgress(),
     """The most probable field of the follower's cause.
 
     Args:
-        mean: standard deviation of a component of the field's mean before anything is seen.
-        journal: keeps what is found on the way.
+        mean: prior standard deviation of each component of the field's mean.
+        journal: keeps intermediate results, so that the solve can resume.
 
     Raises:
-        SimulationError: when the sheet cannot be simulated even near where it was seen. Cancelled: when the user asked to stop.
+        SimulationError: when the sheet cannot be simulated even while pulled towards where it was seen. Cancelled: when the user asked to
+            stop.
     """
     frames, mass = follower.seen.frames, follower.shell.mass * ~follower.shell.pinned
     progress.update(0.0, "the forces on the sheet, and a first wind")
@@ -128,12 +129,12 @@ def field_of(follower: Follower, mean: float, progress: Progress = NoProgress(),
             begin = np.concatenate([np.zeros(len(theta) - 3), wind])
             runs.append(run(f", start {number}", begin, progress.part(*(0.5 + 0.2 * (number + side) for side in (0, 1)))))
     progress.update(0.9, "a simulation that follows the sheet")
-    return _told(runs, follower)
+    return _estimate_from(runs, follower)
 
 
 @dataclass(frozen=True)
 class _Run:
-    """What comes of one start."""
+    """The result of the solve from one start."""
 
     problem: SheetProblem
     prior: Prior
@@ -151,10 +152,10 @@ class _Run:
 def _run(
     problem: SheetProblem, prior: Prior, theta: np.ndarray, seen: Observed, journal: Journal, name: str, progress: Progress
 ) -> _Run:
-    """From unknowns theta (n,) on.
+    """Solve from the unknowns theta (n,).
 
-    Of a sheet that a camera saw, the gusts' size, length and time are not learnt: folds hide parts of it, and what is wrong with their path
-    is no noise, and would be put down to short gusts.
+    If a camera saw the sheet, the size, length and time of the gusts are not learnt: folds hide parts of the sheet, and the error of their
+    path, which is not noise, would be attributed to short gusts.
     """
     used, solution = 0, None
     for number in range(ROUNDS):
@@ -168,12 +169,12 @@ def _run(
         solution = journal.once(f"round {number}{name}", Solution, partial(_solved, problem, prior, theta, part))
         theta, used = solution.theta, used + solution.iterations
     assert solution is not None
-    posterior = walked(problem, prior, theta, problem.check)
+    posterior = posterior_of(problem, prior, theta, problem.check)
     return _Run(problem, prior, solution, posterior, _log_evidence(problem, prior, posterior.theta), used)
 
 
 def _others(wind: np.ndarray, follower: Follower) -> list[np.ndarray]:
-    """Further steady winds (3,) to begin with: the part of a first one that is across the sheet in the mean, and its mirror image."""
+    """Further steady winds (3,) to start from: the component of the first, `wind`, along the sheet's mean normal, and its mirror image."""
     seen = follower.seen
     normal = area_normals(seen.x, seen.faces).sum(axis=(0, 1))
     normal /= max(float(np.linalg.norm(normal)), 1e-300)
@@ -182,7 +183,7 @@ def _others(wind: np.ndarray, follower: Follower) -> list[np.ndarray]:
 
 
 def _start(problem: SheetProblem, mean: float) -> np.ndarray:
-    """theta (n,) to begin with: no field, or the most probable steady and uniform wind."""
+    """theta (n,) to start from: no field if the cause is a force, otherwise the most probable steady and uniform wind."""
     if isinstance(problem.cause, Push):
         return np.zeros(problem.unknowns)
 
@@ -209,7 +210,10 @@ def _solved(problem: SheetProblem, prior: Prior, theta: np.ndarray, progress: Pr
 
 
 def _learn(problem: SheetProblem, prior: Prior, theta: np.ndarray, path: np.ndarray) -> tuple[SheetProblem, Prior, np.ndarray]:
-    """With the error of the law, then the hyperparameters, then the knots of greatest evidence about theta (n,), and theta for these."""
+    """Problem and prior with the law's error, the hyperparameters and the knots of greatest evidence, chosen in this order at theta (n,).
+
+    The third result is theta on the chosen knots.
+    """
     problem = _likeliest(problem, prior, theta, "law", LAWS)
     prior = _with_kernel(problem, prior, theta)
     frames, knots = problem.hats.shape
@@ -220,13 +224,13 @@ def _learn(problem: SheetProblem, prior: Prior, theta: np.ndarray, path: np.ndar
 
 
 def _with_kernel(problem: SheetProblem, prior: Prior, theta: np.ndarray) -> Prior:
-    """With the hyperparameters of greatest evidence about theta (n,)."""
+    """The prior with the hyperparameters of greatest evidence, linearised at theta (n,)."""
     point = problem.linearise(theta)
     return replace(prior, kernel=maximise_evidence(prior, point.normal, point.pull, check=problem.check))
 
 
 def _likeliest(problem: SheetProblem, prior: Prior, theta: np.ndarray, kind: str, several: Sequence[float]) -> SheetProblem:
-    """Among several sizes of an error of the problem, `law` or `noise`, uphill from the one that it has."""
+    """The problem with one of its errors, `law` or `noise`, chosen from `several` sizes by climbing in evidence from the present one."""
     best, evidence = problem, _log_evidence(problem, prior, theta)
     for ahead in (1, -1):
         place = several.index(getattr(best, kind)) + ahead
@@ -237,20 +241,20 @@ def _likeliest(problem: SheetProblem, prior: Prior, theta: np.ndarray, kind: str
             if reached <= evidence:
                 break
             best, evidence, place = trial, reached, place + ahead
-        if best is not problem:  # what lies behind was less likely
+        if best is not problem:  # climbing: sizes the other way are less likely
             break
     return best
 
 
 def _knotted(problem: SheetProblem, prior: Prior, theta: np.ndarray, path: np.ndarray) -> tuple[SheetProblem, Prior, np.ndarray]:
-    """With a knot in every frame of the path (T+1, V, 3) [m]. What falls fast through a steady wind meets one that changes fast."""
+    """The same with a knot in every frame of the path (T+1, V, 3) [m]: falling fast through a steady wind, a sheet feels quick changes."""
     gusts = problem.hats @ theta[:-3].reshape(problem.hats.shape[1], -1)
     theta = np.concatenate([gusts.ravel(), theta[-3:]])
     problem = replace(problem, hats=np.eye(len(problem.hats)))
     return problem, _with_kernel(problem, replace(prior, places=places_of(problem.basis, path, 1.0)), theta), theta
 
 
-def _told(runs: Sequence[_Run], follower: Follower) -> SheetEstimate:
+def _estimate_from(runs: Sequence[_Run], follower: Follower) -> SheetEstimate:
     if len({one.problem.hats.shape for one in runs}) > 1:
         runs = [one.in_every_frame() for one in runs]
     best = max(runs, key=lambda one: one.evidence)
@@ -279,7 +283,7 @@ def _told(runs: Sequence[_Run], follower: Follower) -> SheetEstimate:
 
 
 def _forces(follower: Follower, fields: np.ndarray, path: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Forces (T, V, 3) [N] in the middle of each frame, and (3, T, V, 3) how much they change with each component of the field."""
+    """Forces (T, V, 3) [N] in the middle of each frame, and their derivatives (3, T, V, 3) by each component of the field."""
     v = np.diff(path, axis=0) * follower.seen.fps
     middle = 0.5 * (path[1:] + path[:-1])
     force = np.stack([follower.cause.force(*one) for one in zip(fields, middle, v, strict=True)])
@@ -289,5 +293,5 @@ def _forces(follower: Follower, fields: np.ndarray, path: np.ndarray) -> tuple[n
 
 
 def _log_evidence(problem: SheetProblem, prior: Prior, theta: np.ndarray) -> float:
-    """Of the data, linearised at theta."""
+    """Log evidence of the data, but for a constant, with the problem linearised at theta."""
     return float(linearised_evidence(problem.linearise(theta), prior.precision()) - np.log(np.diag(problem.factor)).sum())

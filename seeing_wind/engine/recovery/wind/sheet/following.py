@@ -1,10 +1,11 @@
-"""A simulation of the sheet that follows what was seen: beside its load, every vertex is drawn to where it was seen, softly.
+"""A simulation of the sheet that follows the observed one: in addition to its load, every vertex is pulled softly to where it was seen.
 
     a = w² (x_seen - x) + 2 w (v_seen - v)        w = `PULL`, critically damped
 
-Without this, a sheet that flaps is lost within a few frames, whatever moves it: small differences grow from fold to fold. With it the
-simulation stays near, as an observer with a fixed gain does (Ljung 1999, System Identification, section 7.2), and a constant lack of
-acceleration a puts it off by a / w². The take's trajectory is this simulation in the field that the balance of forces (`balance`) gave.
+Without the pull, the simulation of a flapping sheet diverges from the observed one within a few frames even in the true field: small
+differences grow from fold to fold. With the pull it stays close, as an observer with a fixed gain does (Ljung 1999, System Identification,
+section 7.2); a constant error a in the acceleration displaces it by a / w². The take's trajectory is this simulation in the field that was
+found from the balance of forces (`balance`).
 """
 
 from __future__ import annotations
@@ -22,19 +23,19 @@ from .air import Cause
 from .observed import Observed
 
 PULL = 30.0
-"""1/s."""
+"""Strength w of the pull [1/s]."""
 LONGEST = 0.008
-"""s of a substep at most."""
+"""Longest substep [s]."""
 
 
 def substeps_for(fps: float) -> int:
-    """Substeps a frame."""
+    """Number of substeps per frame."""
     return max(2, math.ceil(1.0 / (fps * LONGEST)))
 
 
 @dataclass(frozen=True)
 class Follower:
-    """The simulation; `cause` says what its field does."""
+    """The simulation; `cause` is the law by which a field loads the sheet."""
 
     shell: Shell
     seen: Observed
@@ -45,16 +46,16 @@ class Follower:
 
     @property
     def dt(self) -> float:
-        """s of a substep."""
+        """Duration of a substep [s]."""
         return 1.0 / (self.seen.fps * substeps_for(self.seen.fps))
 
     def start(self) -> State:
-        """The shape at rest, moving as seen."""
+        """The initial state: the shape at rest, with the observed velocities."""
         v = np.where(self.shell.pinned[:, None], 0.0, self.seen.at(0.0)[1])
         return with_past(self.seen.rest, v, np.zeros_like(v), self.dt)
 
     def path(self, fields: np.ndarray, check: Callable[[], None] = lambda: None) -> np.ndarray:
-        """Places (T+1, V, 3) [m] in fields (T, V, 3), one for each frame.
+        """Simulated positions (T+1, V, 3) [m] in the fields (T, V, 3), one for each interval.
 
         Raises:
             SimulationError: when the simulation breaks down.
@@ -80,14 +81,14 @@ class Follower:
         share = (substep + 1) / substeps_for(self.seen.fps)
         x_seen, v_seen = self.seen.at(frame + share)
         cause, mass = self.cause.load(field), self.shell.mass
-        # Implicit: drawn by where the vertex gets with its velocity at the end.
+        # Implicit: the pull acts on the position and velocity at the end of the substep.
         soft, firm = self.pull**2 * mass[:, None], 2.0 * self.pull * mass[:, None]
         damping = (firm + self.dt * soft)[..., None] * np.eye(3)
 
         def load(x: np.ndarray, v: np.ndarray, frame: int) -> tuple[np.ndarray, np.ndarray]:
             force, drag = cause(x, v, frame)
-            drawn = soft * (x_seen - x - self.dt * v) + firm * (v_seen - v)
-            return force + drawn, damping if drag is None else drag + damping
+            pull = soft * (x_seen - x - self.dt * v) + firm * (v_seen - v)
+            return force + pull, damping if drag is None else drag + damping
 
         pins = self.seen.pins
         return load, (1.0 - share) * pins[frame] + share * pins[frame + 1]

@@ -2,9 +2,9 @@
 
     u(X, t) = sum_p phi_p(X) (sum_k H_k(t) c_kp + m [p = 0])        unknowns theta: c (K, P, 3), then the mean m (3,)
 
-Residuals are what the balance lacks. Their errors are those of `Balance`, and those of the law of the cause and of the sheet's stiffness:
-a part of the forces that these make, which lasts. Errors that are taken to be independent from frame to frame would be averaged away over
-a long clip, and what is left of them be put down to gusts.
+The residual is the imbalance of forces. Its errors are those of `Balance`, and those of the cause's law and of the sheet's stiffness, which
+are proportional to the forces concerned and correlated over many frames. Were they taken to be independent from frame to frame, they would
+average out over a long clip, and what remains would be attributed to gusts.
 """
 
 from __future__ import annotations
@@ -22,72 +22,74 @@ from .air import Cause
 from .balance import Balance, Moments
 
 LAW = 0.05
-"""Error of the cause's law to begin with, as a part of the root mean square of its force in each mode."""
+"""First guess of the error of the cause's law, relative to the root mean square of its force in each mode."""
 STIFFNESS = 0.5
-"""Relative error of the bending stiffness, in each mode apart."""
+"""Relative error of the bending stiffness, independent in each mode."""
 LASTS, ALWAYS = 8.0, 0.5
-"""Frames over which the law's error changes, and the part of its variance that never does."""
+"""Correlation time of the errors of law and moments [frames], and the share of their variance that is constant in time."""
 LEAST = 0.01
-"""Least mean square of a mode's force, relative to the largest, of which the law's error is a part."""
+"""The law's error in a mode is at least that of a mode with this mean square force, relative to the largest."""
 
 
 @dataclass(frozen=True)
 class SheetProblem:
-    """See above; D = (T-1) 3 Q data."""
+    """The inverse problem of this module; D = (T-1) 3 Q data."""
 
     balance: Balance
     cause: Cause
     basis: SpatialBasis
     """P modes of the field."""
     hats: np.ndarray
-    """(T, K)."""
+    """(T, K) values of the knots' hat functions."""
     factor: np.ndarray
-    """(D, D) lower triangle whose square is the covariance of the residuals."""
+    """(D, D) lower Cholesky factor of the covariance of the residuals."""
     law: float = LAW
-    """Error of the cause's law that `factor` has, and"""
+    """Relative error of the cause's law that is contained in `factor`."""
     noise: float = 1.0
-    """how many times as large as they are said to be it takes errors in the places for."""
+    """Factor on the stated errors of positions that is contained in `factor`."""
     check: Callable[[], None] = lambda: None
+    """Called often; raises to cancel."""
 
     @property
     def unknowns(self) -> int:
-        """n."""
+        """n, the number of unknowns."""
         return 3 * self.hats.shape[1] * self.basis.phi.shape[1] + 3
 
     def coefficients(self, theta: np.ndarray) -> np.ndarray:
-        """theta (n,) -> (T, P, 3), the mean included."""
+        """Coefficients of the field (T, P, 3), mean included, of the unknowns theta (n,)."""
         per_frame = np.tensordot(self.hats, theta[:-3].reshape(self.hats.shape[1], -1, 3), 1)
         per_frame[:, 0] += theta[-3:]
         return per_frame
 
     def fields(self, theta: np.ndarray) -> np.ndarray:
-        """(T, V, 3)."""
+        """The field at the vertices (T, V, 3) of the unknowns theta (n,)."""
         return np.einsum("vp,tpi->tvi", self.basis.phi, self.coefficients(theta))
 
     def forces(self, theta: np.ndarray) -> np.ndarray:
-        """(T-1, 3 Q) of the cause, under the hats."""
+        """Generalised forces (T-1, 3 Q) of the cause at theta (n,), weighted by the hats."""
         return self._forces_at(self.balance.at, theta)
 
-    def unsure(self, theta: np.ndarray, forces: np.ndarray) -> np.ndarray:
-        """(T-1, 3 Q) standard deviation of the `forces` at theta (n,), as it is not known how the sheet moves between frames: how far two
-        interpolations differ. Where a sheet begins to flutter, that is hundreds of times as much as before."""
-        off = self._forces_at(self.balance.plainly, theta) - forces
+    def interpolation_error(self, theta: np.ndarray, forces: np.ndarray) -> np.ndarray:
+        """(T-1, 3 Q) standard deviation of the `forces` at theta (n,) due to the unknown motion between frames: the difference between two
+        interpolations. It grows by a factor of hundreds where a sheet begins to flutter."""
+        off = self._forces_at(self.balance.catmull_rom, theta) - forces
         square = (off.reshape(len(off), -1, 3) ** 2).mean(axis=2)
         around = np.pad(square, ((1, 1), (0, 0)), mode="edge")
         return np.repeat(np.sqrt(0.25 * around[:-2] + 0.5 * square + 0.25 * around[2:]), 3, axis=1)
 
     def _forces_at(self, moments: Moments, theta: np.ndarray) -> np.ndarray:
         b = self.balance
-        tested = [self.cause.tested(*one, b.tests) for one in zip(self.fields(theta)[:, None], moments.x, moments.v, strict=True)]
-        return moments.over_hats(np.stack(tested)).reshape(len(b.seen), -1)
+        fields = self.fields(theta)[:, None]
+        forces = [self.cause.generalised_forces(*one, b.tests) for one in zip(fields, moments.x, moments.v, strict=True)]
+        return moments.over_hats(np.stack(forces)).reshape(len(b.seen), -1)
 
     def residual(self, theta: np.ndarray) -> np.ndarray:
-        """Whitened (D,)."""
+        """Whitened residual (D,) at theta (n,)."""
         self.check()
         return self._whitened((self.forces(theta) - self.balance.seen).ravel())
 
     def linearise(self, theta: np.ndarray) -> Linearisation:
-        """At theta (n,)."""
+        """The whitened problem linearised at theta (n,)."""
         b, fields = self.balance, self.fields(theta)
         parts = []
         for field, x, v in zip(fields, b.at.x, b.at.v, strict=True):
@@ -103,14 +105,15 @@ class SheetProblem:
         return Linearisation.at(theta, self.residual(theta), self._whitened(jacobian).T)
 
     def before(self, theta: np.ndarray) -> SheetProblem:
-        """The same with errors for a first solve from theta (n,): the law's as a part of what the sheet was seen to feel."""
-        return replace(self, factor=factor_of(self.balance, self.balance.seen, self.unsure(theta, self.forces(theta))))
+        """The same with errors for a first solve from theta (n,): the law's error is relative to the observed forces."""
+        return replace(self, factor=factor_of(self.balance, self.balance.seen, self.interpolation_error(theta, self.forces(theta))))
 
     def with_errors(self, theta: np.ndarray, law: float | None = None, noise: float | None = None) -> SheetProblem:
-        """The same with another error of the law, a part of the forces at theta (n,), or of the places."""
+        """The same with errors for the forces at theta (n,), and, where given, another relative error of the law or factor on the errors of
+        positions."""
         law, noise = self.law if law is None else law, self.noise if noise is None else noise
         forces = self.forces(theta)
-        factor = factor_of(self.balance, forces, self.unsure(theta, forces), law, noise)
+        factor = factor_of(self.balance, forces, self.interpolation_error(theta, forces), law, noise)
         return replace(self, law=law, noise=noise, factor=factor)
 
     def _whitened(self, values: np.ndarray) -> np.ndarray:
@@ -120,14 +123,16 @@ class SheetProblem:
 def factor_of(
     balance: Balance, forces: np.ndarray, unsure: np.ndarray | float = 0.0, law: float = LAW, noise: float = 1.0
 ) -> np.ndarray:
-    """The lower triangle (D, D) of the residuals' covariance, where the cause makes the forces (T-1, 3 Q), give or take `law` of them.
+    """The lower Cholesky factor (D, D) of the covariance of the residuals.
 
     Args:
-        unsure: standard deviation of the forces (T-1, 3 Q) in each frame apart.
-        noise: errors in the places are this many times as large as they are said to be.
+        forces: (T-1, 3 Q) generalised forces of the cause.
+        unsure: standard deviation of the forces (T-1, 3 Q), independent from frame to frame.
+        law: error of the cause's law, relative to the forces.
+        noise: factor on the stated errors of positions.
 
     Raises:
-        SimulationError: for a motion that is not finite, or errors that are no covariance.
+        SimulationError: for a motion that is not finite, or a covariance that is not positive definite.
     """
     count, data = balance.seen.shape
     lag = np.abs(np.subtract.outer(np.arange(count), np.arange(count)))
@@ -151,4 +156,6 @@ def factor_of(
     try:
         return cholesky(whole, lower=True, overwrite_a=True, check_finite=False)
     except np.linalg.LinAlgError as error:
-        raise SimulationError("The errors of the sheet's forces are no covariance.", "The take is damaged: run `recover` again.") from error
+        raise SimulationError(
+            "The covariance of the errors in the sheet's forces is not positive definite.", "The take is damaged: run `recover` again."
+        ) from error

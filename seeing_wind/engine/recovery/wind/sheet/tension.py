@@ -1,6 +1,6 @@
-"""The stress in a sheet as a hidden Gaussian: smooth over the sheet for the most part, and a little different in every face.
+"""The stress in a sheet as a hidden Gaussian variable: a smooth part over the sheet, and a small independent part in each face.
 
-The force of a stress S (2, 2) [N/m] in a face of area A, deformed by F (3, 2), on its corner c is -A F S grad N_c: linear in S.
+A stress S (2, 2) [N/m] in a face of area A with deformation gradient F (3, 2) exerts the force -A F S grad N_c on corner c: linear in S.
 """
 
 from __future__ import annotations
@@ -14,35 +14,35 @@ from ....mpm.shell import Shell
 from ....mpm.shell.membrane import plane_axes
 
 SMOOTH, FACE = 10.0, 0.1
-"""Standard deviation of the smooth stress, and of that of each face, in units of what would carry the sheet's whole inertia over its
-radius. The smooth one is far larger than that, as tension comes in jerks. With a face's of 1 sheets were less probable, and with a smooth
-one of 3 far more so, but then their wind came out worse."""
+"""Standard deviations of the smooth stress and of each face's own, in units of the stress that would carry the whole sheet's inertia over
+its radius. The smooth one is far larger than this unit, as tension comes in jerks. With 1 for each face, the evidence was lower; with 3
+for the smooth stress it was far higher, but the wind was less accurate."""
 DEGREE = 8
-"""Highest degree of the polynomials that the smooth stress consists of."""
+"""Highest degree of the polynomials that make up the smooth stress."""
 FADES = 3.0
-"""Degrees over which their size falls by e."""
+"""Number of degrees over which the standard deviation of a polynomial falls by a factor e."""
 PARTS = np.array([[[1.0, 0.0], [0.0, 0.0]], [[0.0, 0.0], [0.0, 1.0]], [[0.0, 1.0], [1.0, 0.0]]])
 """The three parts of a symmetric stress."""
 
 
 @dataclass(frozen=True)
 class Tension:
-    """What is known of it."""
+    """The prior of the stress, and how the stress acts in virtual displacements."""
 
     faces: np.ndarray
-    """(F, 3)."""
+    """(F, 3) vertex indices."""
     slopes: np.ndarray
-    """(F, 3, 2) derivatives of the corners' hats in the directions that all faces share [1/m]."""
+    """(F, 3, 2) derivatives of the corners' hat functions along the two axes that all faces share [1/m]."""
     loads: np.ndarray
-    """(F, Q, 2) minus the area times the slopes of the virtual displacements."""
+    """(F, Q, 2) minus area times gradient of the virtual displacements."""
     smooth: np.ndarray
     """(F, J) polynomials times their standard deviations [N/m]."""
     rough: float
-    """Standard deviation of what each face has besides [N/m]."""
+    """Standard deviation of each face's own stress [N/m]."""
 
     @staticmethod
     def of(shell: Shell, tests: np.ndarray, acceleration: float) -> Tension:
-        """For virtual displacements (V, Q) of a sheet that is accelerated by so much [m/s²], gravity included."""
+        """The prior for a sheet with this root mean square acceleration less gravity [m/s²]; tests: (V, Q) virtual displacements."""
         surface = shell.surface
         rest = surface.x - np.average(surface.x, axis=0, weights=shell.mass)
         axes = np.linalg.svd(rest, full_matrices=False)[2][:2]
@@ -57,11 +57,11 @@ class Tension:
         return Tension(surface.faces, slopes, loads, smooth, FACE * unit)
 
     def gradients(self, x: np.ndarray) -> np.ndarray:
-        """Deformations (..., F, 3, 2) of vertices x (..., V, 3) [m], in the directions that all faces share."""
+        """Deformation gradients (..., F, 3, 2) for vertices at x (..., V, 3) [m], with respect to the axes that all faces share."""
         return np.einsum("...fci,fcb->...fib", x[..., self.faces, :], self.slopes)
 
     def covariance(self, moved: np.ndarray) -> np.ndarray:
-        """(3 Q, 3 Q) of its forces in the virtual displacements, at deformations (F, 3, 2)."""
+        """Covariance (3 Q, 3 Q) of the stress's generalised forces in the virtual displacements, for deformation gradients (F, 3, 2)."""
         forces = np.einsum("fia,mab,fqb->qifm", moved, PARTS, self.loads, optimize=True)
         count = forces.shape[0] * 3
         waves = np.einsum("qifm,fj->qimj", forces, self.smooth, optimize=True).reshape(count, -1)
@@ -70,7 +70,7 @@ class Tension:
 
 
 def _turn(corners: np.ndarray, longest: np.ndarray) -> np.ndarray:
-    """(F, 2, 2) from the faces' own axes to those that they share: the direction (3,) `longest` in their planes, and across it."""
+    """Rotations (F, 2, 2) from each face's own axes to those that all share: `longest` (3,) projected onto the face, and across it."""
     t, s = plane_axes(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     along = np.stack([t @ longest, s @ longest], axis=1)
     along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-300)

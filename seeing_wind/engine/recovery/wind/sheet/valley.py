@@ -1,8 +1,9 @@
-"""How far off the most probable wind may be where a sheet hardly tells one of its components.
+"""The uncertainty of the most probable wind, also where a sheet hardly determines one of its components.
 
-A sheet that turns little feels |w| (w.n) and hardly more: a wind across it, and stronger ones at a slant, push it alike. The posterior
-is then a long, bent valley, its floor as good as level, and a Gaussian at the lowest point is far too narrow. So the floor is walked: the
-least known component of the mean is held at one value after the other, all else is solved for, and each place counts by its evidence.
+A sheet that turns little feels hardly more than |w| (w.n): a wind across it, and stronger ones at a slant, push it alike. In minus its
+logarithm the posterior is then a long, bent valley with an almost level floor, and a Gaussian at the lowest point is far too narrow. The
+floor is therefore walked: the least known component of the mean is held at one value after the other, everything else is solved for, and
+each place is weighted by its evidence.
 """
 
 from __future__ import annotations
@@ -19,53 +20,53 @@ from .air import Push
 from .problem import SheetProblem
 
 NARROW = 0.2
-"""A component whose deviation is less than this part of the mean speed is known: the linearised posterior serves."""
+"""If the deviation of the least known component is less than this share of the mean speed, the linearised posterior is used."""
 STEP = 1.5
-"""Between two places, in standard deviations of the linearised posterior."""
+"""Distance between places [standard deviations of the linearised posterior]."""
 FALLS = 4.0
-"""The walk ends where the logarithm of the probability is less than the greatest by this much, or after"""
+"""The walk ends where the logarithm of the probability has fallen this far below the greatest."""
 STEPS = 6
-"""steps to either side."""
+"""Most steps to either side."""
 FIRM = 10.0
-"""How firmly the component is held: steps over its deviation."""
+"""How firmly the component is held: length of a step over the standard deviation that is left to the component."""
 ITERATIONS = 3
-"""Linearisations at each place, most of them close to the last."""
+"""Most linearisations at each place; few suffice, as each place is close to the one before."""
 
 
 @dataclass(frozen=True)
 class Posterior:
-    """Of the unknowns."""
+    """The posterior distribution of the unknowns."""
 
     theta: np.ndarray
-    """(n,) the most probable ones, and"""
+    """(n,) the most probable unknowns."""
     covariance: np.ndarray
-    """(n, n) their mean square error, all of the valley counted."""
+    """(n, n) mean square error of `theta`, over the whole valley."""
     known: bool
-    """Whether there is no valley."""
+    """True if there is no valley."""
 
     def between_knots(self, hats: np.ndarray) -> Posterior:
-        """The same with a knot in each frame, where the knots had hats (T, K)."""
+        """The same on knots in every frame, given the hat functions (T, K) of the present knots."""
         modes = (len(self.theta) - 3) // hats.shape[1]
         onto = block_diag(np.kron(hats, np.eye(modes)), np.eye(3))
         return Posterior(onto @ self.theta, onto @ self.covariance @ onto.T, self.known)
 
 
 def mixed(several: Sequence[Posterior], evidence: Sequence[float]) -> Posterior:
-    """One of several that were found from different starts: the most probable, with the others' errors by their log evidence."""
+    """The most probable of several posteriors, with a covariance that includes the others, weighted by their log `evidence`."""
     weights = np.exp(np.array(evidence) - max(evidence))
     best = several[int(np.argmax(weights))]
     spread = [one.covariance + np.outer(one.theta - best.theta, one.theta - best.theta) for one in several]
     return Posterior(best.theta, np.einsum("a,aij->ij", weights / weights.sum(), spread), best.known)
 
 
-def walked(problem: SheetProblem, prior: Prior, theta: np.ndarray, check: Callable[[], None] = lambda: None) -> Posterior:
-    """The posterior about a solution theta (n,)."""
+def posterior_of(problem: SheetProblem, prior: Prior, theta: np.ndarray, check: Callable[[], None] = lambda: None) -> Posterior:
+    """The posterior around a solution theta (n,), by a walk along the valley if there is one; check: raises to cancel."""
     precision, means = prior.precision(), mean_wind(problem)
     covariance = np.linalg.inv(problem.linearise(theta).normal + precision)
     variances, axes = np.linalg.eigh(means @ covariance @ means.T)
     step = STEP * float(np.sqrt(max(variances[-1], 0.0)))
     narrow = step < STEP * NARROW * float(np.linalg.norm(means @ theta))
-    if narrow or isinstance(problem.cause, Push):  # a force of its own is linear
+    if narrow or isinstance(problem.cause, Push):  # an acceleration enters linearly, so its posterior is Gaussian
         return Posterior(theta, covariance, True)
     along = axes[:, -1] @ means
     places = [_held(problem, precision, theta, along, float(along @ theta), step)]
@@ -82,7 +83,7 @@ def walked(problem: SheetProblem, prior: Prior, theta: np.ndarray, check: Callab
 
 
 def mean_wind(problem: SheetProblem) -> np.ndarray:
-    """(3, n) the uniform wind's mean over time, from the unknowns."""
+    """The matrix (3, n) that maps the unknowns to the uniform wind's mean over time."""
     gusts = np.zeros((3, problem.hats.shape[1], problem.basis.phi.shape[1], 3))
     gusts[:, :, 0] = problem.hats.mean(axis=0)[None, :, None] * np.eye(3)[:, None, :]
     return np.concatenate([gusts.reshape(3, -1), np.eye(3)], axis=1)
@@ -90,14 +91,16 @@ def mean_wind(problem: SheetProblem) -> np.ndarray:
 
 @dataclass(frozen=True)
 class _Place:
+    """A place on the valley's floor."""
+
     theta: np.ndarray
     covariance: np.ndarray
     probable: float
-    """Logarithm, but for a constant."""
+    """Logarithm of the probability, but for a constant."""
 
 
 def _held(problem: SheetProblem, precision: np.ndarray, start: np.ndarray, along: np.ndarray, value: float, step: float) -> _Place:
-    """The most probable unknowns whose component `along` (n,) has this value, from `start` (n,)."""
+    """The most probable unknowns whose component `along` (n,) is held near `value`, solved from `start` (n,)."""
     firm = (FIRM / step) ** 2
     held = precision + firm * np.outer(along, along)
     mean = np.linalg.solve(held, firm * value * along)

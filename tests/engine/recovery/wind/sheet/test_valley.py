@@ -8,7 +8,7 @@ import pytest
 from seeing_wind.engine.recovery.prior.basis import hats, spatial_basis
 from seeing_wind.engine.recovery.solve.gauss_newton import Linearisation
 from seeing_wind.engine.recovery.wind.estimate import deviation_of
-from seeing_wind.engine.recovery.wind.sheet.valley import Posterior, mean_wind, mixed, walked
+from seeing_wind.engine.recovery.wind.sheet.valley import Posterior, mean_wind, mixed, posterior_of
 
 NORMAL, ALONG = np.array([0.6, 0.0, 0.8]), np.array([[0.8, 0.0, -0.6], [0.0, 1.0, 0.0]])
 BREEZE = 2.5
@@ -59,7 +59,7 @@ def test_along_a_bent_valley_the_whole_of_it_counts():
     """From a solution far up the valley: the walk finds its lowest place, and the error there, which the linearised posterior misses."""
     plate = Plate((100.0, 0.1))
     start = np.concatenate([np.zeros(3), 0.9 * NORMAL + 4.3 * ALONG[0] + 0.3 * ALONG[1]])
-    found = walked(plate, Breeze(), start)
+    found = posterior_of(plate, Breeze(), start)
     assert abs(found.theta[3:] @ ALONG[0]) < 1.5
     wanted = by_quadrature(plate, found.theta[3:])
     assert np.sqrt(np.trace(found.covariance[3:, 3:])) == pytest.approx(wanted, rel=0.15)
@@ -70,7 +70,7 @@ def test_along_a_bent_valley_the_whole_of_it_counts():
 def test_where_the_wind_is_known_nothing_changes():
     plate = Plate((0.1, 0.1))
     start = np.concatenate([np.zeros(3), 2.0 * NORMAL + 0.3 * ALONG[1]])
-    found = walked(plate, Breeze(), start)
+    found = posterior_of(plate, Breeze(), start)
     np.testing.assert_array_equal(found.theta, start)
     np.testing.assert_allclose(found.covariance, np.linalg.inv(plate.linearise(start).normal + Breeze().precision()))
 
