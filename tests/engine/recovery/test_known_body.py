@@ -12,7 +12,7 @@ from seeing_wind.engine.progress import NoProgress
 from seeing_wind.engine.recovery.clip import still_frames
 from seeing_wind.engine.recovery.recover import recover
 from seeing_wind.engine.recovery.solve.known_body import KnownBody
-from seeing_wind.engine.recovery.solve.section import section_axes, section_shapes, turned
+from seeing_wind.engine.recovery.solve.section import section_axes, section_rotation, section_shapes
 from seeing_wind.engine.settings import RecoverSettings
 from tests.engine.recovery.bodies import FPS, RUBBER, WEIGHTLESS, blow, plate, points, relative
 
@@ -127,14 +127,14 @@ def test_a_section_is_the_same_along_other_axes(degrees, mirror):
     u, v = body.x @ axes.T[:, 0], body.x @ axes.T[:, 1]
     p, q = body.x @ other.T[:, 0], body.x @ other.T[:, 1]
     ours = a * (u**2 - v**2) / 2.0 + b * u * v
-    c, d = turned(axes, other) @ [a, b]
+    c, d = section_rotation(axes, other) @ [a, b]
     np.testing.assert_allclose(c * (p**2 - q**2) / 2.0 + d * p * q, ours, atol=1e-12)
     assert section_shapes(body).shape == (2, 81)
 
 
 def test_only_a_held_body_whose_stiffness_was_told_is_known(rung):
     body, seen, _, found = rung
-    with pytest.raises(UsageError, match=r"other\.take does not tell how stiff its body is"):
+    with pytest.raises(UsageError, match=r"other\.take does not show how stiff its body is"):
         KnownBody.of(replace(found, youngs_modulus=None), "other.take")
     free = plate((2, 2, 5))
     x, _ = blow(free, kick, 4)

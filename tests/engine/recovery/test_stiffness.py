@@ -170,7 +170,7 @@ def test_a_stiffness_that_the_clip_does_not_tell_stays():
     x, _ = blow(body, lambda X, t: np.zeros_like(X) + [0.02 * t, 0.0, 0.0], 6)
     found = recover(body, TOO_STIFF, [filmed(body, x, 0.5)], FPS, WEIGHTLESS, NoProgress())
     assert found.youngs_modulus is None and as_found(TOO_STIFF, found) == TOO_STIFF
-    assert any("does not tell how stiff" in note for note in found.notes)
+    assert any("does not show how stiff" in note for note in found.notes)
 
 
 def test_a_step_that_makes_it_worse_is_not_taken(swing, given, monkeypatch):

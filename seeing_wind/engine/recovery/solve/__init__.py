@@ -1,12 +1,12 @@
 """Gauss-Newton through the simulator, coarse to fine.
 
-    block.py        one block of the clip, from a rough start to the final solve
-    first_field.py   a first field for it, segment by segment
-    onward.py        or the field of the block before, where the body is held
-    warm_start.py    receding-horizon control, where a segment begins
-    problem.py       what one solve minimises         gauss_newton.py  the dense solve
-    forward.py       unknowns in, trajectories and Jacobians out
-    stiffness.py     Young's modulus and the clamp as unknowns      section.py  how stiffness is spread over a section
+    block.py         one block of the clip, from a rough start to the final solve
+    first_field.py   the first field of a block, found segment by segment
+    onward.py        a start from the block before, instead
+    warm_start.py    receding-horizon control, which begins each segment
+    problem.py       the least-squares problem of one solve         gauss_newton.py  the dense solve
+    forward.py       the forward model: from unknowns to trajectories and Jacobians
+    stiffness.py     Young's modulus and the clamp as unknowns      section.py    the distribution of stiffness over a section
     known_body.py    both, from another clip of the same body
-    solver.py        one block: simulations and solves of it        constants.py  how far and how finely it goes
+    solver.py        a block's data, simulations and solves         constants.py  how far and how finely the solve goes
 """

@@ -1,9 +1,9 @@
-"""The solve over one block of the clip, coarse to fine, because a body that turns makes the problem curved.
+"""The solve over one block of the clip, coarse to fine, because a body that turns makes the problem nonlinear.
 
-Follow the targets with a receding horizon, solve with few modes and sparse knots, learn the prior's sizes, then solve with all modes
-that the field is expected to have and the data can tell apart (Gauss-Newton through the simulator), learn again, and settle. A body
-that the first field loses is followed again, finely (`first_field`). Where the body's stiffness is free (`stiffness`), each solve is
-followed by steps of both.
+Follow the targets with a receding horizon; solve with few modes and sparse knots; learn the hyperparameters; solve with all modes that the
+field is expected to have and the data can tell apart (Gauss-Newton through the simulator); learn again; and solve once more. A body that
+strays from the targets in the first field is followed again at a finer pace (`first_field`). If the body's stiffness is free (`stiffness`),
+the coarse and the fine solve are each followed by joint steps of force and stiffness.
 """
 
 from __future__ import annotations
@@ -43,24 +43,28 @@ class Found:
     """Jacobians used."""
     stiffness: Stiffness
     joint: Joint | None
-    """How the force hangs together with a stiffness that was free."""
+    """Joint normal equations of the force and the stiffness; None if the stiffness was not free, or no such step was tried."""
     wild: np.ndarray
     """(T,) bool, see `Objective.wild_frames`."""
     misfit: float
-    """What it missed before the mismatch was learnt, see `onward.missed_by`."""
+    """Misfit before the mismatch was learnt, see `onward.missed_by`."""
 
 
 @dataclass
 class BlockSolver(Solver):
-    """One block on its way from a rough start to the final solve."""
+    """Solves one block, from a rough start to the final solve."""
 
     joint: Joint | None = None
-    """Of the last solve with the stiffness free."""
+    """Joint normal equations of the last solve with a free stiffness."""
     before: Onward | None = None
-    """What the block before knows of this one."""
+    """What the block before hands on to this one."""
 
     def run(self) -> Found:
-        """All parts in order; where one iteration is all that is allowed, without the fine one."""
+        """Run all solves in order; the fine solve is left out if no iterations are left for it.
+
+        Raises:
+            SimulationError: when the body breaks down in every attempt.
+        """
         held = bool(self.particles.pinned.any())
         carried = continue_block(self, self.before) if self.before is not None and held else None
         if carried is not None:
@@ -81,8 +85,11 @@ class BlockSolver(Solver):
         return Found(forward, prior, last, path, used + last.iterations, self.stiffness, self.joint, wild, misfit)
 
     def _from_the_start(self) -> tuple[Forward, Prior, Solution, int, int, bool]:
-        """Forward model, prior and solution of a block that knows nothing beforehand, the Jacobians used and those left to the last
-        solve, and whether there were none for the fine one."""
+        """Coarse and fine solution of a block.
+
+        Returns forward model, prior, solution, the Jacobians used, the Jacobians left for the last solve, and whether none were left for
+        the fine solve.
+        """
         pace, forward, prior, found, used = self._coarse_solution()
         left = max(0, self.iterations - found.iterations)
         rounds = min(left, PACE.stiffness_coarse_rounds)
@@ -94,15 +101,15 @@ class BlockSolver(Solver):
         return forward, prior, found, used + more, min(max(0, left - more), pace.last_iterations), False
 
     def _coarse_solution(self) -> tuple[Pace, Forward, Prior, Solution, int]:
-        """A coarse solution of the whole block: led on from the block before; else found at the usual pace, or finely where that one
-        strays and finely it does less.
+        """A coarse solution of the whole block: continued from the block before if possible, else found at the usual pace; if that strays,
+        the better one of that and a solution at the fine pace.
 
         Returns the pace, forward model, prior, solution, and the Jacobians used.
         """
         pace = FLOWING if self._flows() else USUAL
         best, least, used = None, math.inf, 0
         if self.before is not None and not self.particles.pinned.any():
-            with contextlib.suppress(SimulationError):  # then it is followed from the start
+            with contextlib.suppress(SimulationError):  # the block is then followed from its start
                 forward, prior, led = lead_on(self, self.before)
                 if not astray(self, self.before, led):
                     return pace, forward, prior, led, led.iterations
@@ -116,7 +123,7 @@ class BlockSolver(Solver):
             except SimulationError:
                 if best is None:
                     raise
-                break  # what the usual pace found stands
+                break  # keep what was found at the usual pace
             used += first.iterations + found.iterations
             off = strayed(self, first, found)
             if best is None or off < least:
@@ -127,11 +134,11 @@ class BlockSolver(Solver):
         return *best, used
 
     def _finely(self, coarse: Forward, prior: Prior, first: Solution, most: int, left: int) -> tuple[Forward, Prior, Solution, int]:
-        """From the coarse solve on with as many modes and knots as the field is worth, which the coarse solve tells.
+        """The fine solve from the coarse one, with as many modes and knots as the hyperparameters learnt from the coarse solve require.
 
         Returns forward model, prior, solution, and the Jacobians used.
         """
-        if first.cost < PACE.tolerance_per_unknown * len(first.theta):  # as of a body that stays still: no finer step could lower it as far
+        if first.cost < PACE.tolerance_per_unknown * len(first.theta):  # as with a body at rest: no fine step could lower the cost enough
             return replace(coarse, model=self._model()), prior, first, 0
         kernel = learn_kernel(prior, first.point.normal, first.pull, self.expected, self.progress.check, self.journal)
         path = coarse.trajectory(first.theta)
@@ -150,10 +157,10 @@ class BlockSolver(Solver):
     def _with_stiffness(
         self, forward: Forward, prior: Prior, solution: Solution, rounds: int, done: float, tolerance: float
     ) -> tuple[Forward, Solution, int]:
-        """Steps of the force and the stiffness together, each with a solve for the force after it.
+        """Joint steps of force and stiffness, each followed by a solve for the force alone.
 
-        A stiffness that the clip does not tell goes back to the one given. Returns the forward model with the stiffness that was found,
-        the solution, and the Jacobians used on the way.
+        A stiffness that the clip does not determine goes back to its expected value. Returns the forward model with the stiffness found,
+        the solution, and the Jacobians used.
         """
         used, self.joint, linearised = 0, None, self.stiffness.q
         if not self.stiffness.free or track_misfit(self.objective, self.basis.up_to(2).phi, solution.residual) > PACE.stiffness_lost:
@@ -167,7 +174,7 @@ class BlockSolver(Solver):
             after[0] = min(after[0], stiffest(self.model))
             changed = self._towards(after - before.q, forward, prior, solution, joint, PACE.stiffness_shares if known else (1.0,))
             if changed is None:
-                # Nothing lowers the cost: far from a minimum the clip says nothing of the stiffness, at one it has been said.
+                # No step lowers the cost. At a minimum the stiffness has been found; far from one the clip does not determine it.
                 begun = before.s == before.expected[0]
                 if begun and known and abs(after[0] - before.s) > math.sqrt(joint.covariance[0, 0]):
                     break
@@ -180,7 +187,7 @@ class BlockSolver(Solver):
             solution = self.solve(forward, prior, theta, 1, (done, done), "Finding the stiffness", point=point, tolerance=tolerance)
             linearised = self.stiffness.q if solution.iterations else linearised
             used += solution.iterations
-            wanted = after - before.q  # not what was taken of it: a step cut short says that more is to come
+            wanted = after - before.q  # the whole step, not the share taken: a step that was cut short needs another one
             if wanted @ np.linalg.solve(joint.covariance, wanted) < PACE.stiffness_settled**2 or not known:
                 break
         return forward, solution, used
@@ -188,8 +195,10 @@ class BlockSolver(Solver):
     def _towards(
         self, dq: np.ndarray, forward: Forward, prior: Prior, solution: Solution, joint: Joint, shares: tuple[float, ...]
     ) -> tuple[Stiffness, Forward, np.ndarray] | None:
-        """The first of these shares of the joint step by dq (4,) that lowers the cost (any, if there is one share only that does not break
-        down): stiffness, forward model and theta there. None when none does."""
+        """Take the first of these shares of the joint step by dq (4,) that lowers the cost; a single share need only not break down.
+
+        Returns stiffness, forward model and theta there; None if no share does.
+        """
         before = self.stiffness
         most = solution.cost + before.penalty() if len(shares) > 1 else np.inf
         for share in shares if dq.any() else ():

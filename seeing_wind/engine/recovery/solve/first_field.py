@@ -1,9 +1,9 @@
-"""The first field of a block: one that keeps the simulation near the targets from its first frame to its last.
+"""The first field of a block: a field that keeps the simulation near the targets from the first frame to the last.
 
-The part of the block that is followed grows a segment at a time: in each, the receding horizon (`warm_start`) leads on from the
-simulation so far; then the knots of the segment and those shortly before it are solved. A pace says how finely. Few modes, sparse knots
-and a smooth field are enough for most bodies. A soft sheet that ripples in gusts shorter than itself strays with them: what the smooth
-field cannot explain is put down to a motion along the view, and no later solve finds out of that. It is followed again, finely.
+The followed part of the block grows a segment at a time: the receding horizon (`warm_start`) continues the simulation into the segment,
+then the knots in the segment and shortly before it are solved for. The pace sets how finely. Few modes, sparse knots and a smooth field
+are enough for most bodies. A soft sheet that ripples in gusts shorter than itself strays with them: what the smooth field cannot explain
+is attributed to a motion along the view, and no later solve recovers from that. Such a body is followed again at a finer pace.
 """
 
 from __future__ import annotations
@@ -28,50 +28,51 @@ from .warm_start import WarmStart, warm_start
 
 @dataclass(frozen=True)
 class Pace:
-    """How finely a block is followed and solved after."""
+    """How finely a block is followed, and solved afterwards."""
 
     degree: int | None
-    """Highest degree of the modes; None is all of them."""
+    """Highest degree of the modes; None for all modes."""
     knot: float
     """Frames between knots."""
     segment: int
     """Frames by which the followed part of the block grows."""
     behind: float
-    """Frames before a segment whose knots are solved with it."""
+    """Knots up to this long before a segment are solved again with it [frames]."""
     leads_on: bool
-    """Whether the force at a segment's end is the first guess of the next. A body that flows answers to a force so differently from part
-    to part that it leads astray."""
+    """Whether the force at a segment's end is the first guess for the next segment. The response of a body that flows changes so much
+    between segments that the guess would be misleading."""
     segment_iterations: int
-    """Jacobians per segment at most; each serves several chord steps."""
+    """Most Jacobians per segment; each serves several chord steps."""
     coarse_iterations: int
-    """Jacobians of the solve with these modes and knots."""
+    """Most Jacobians of the coarse solve, which has these modes and knots."""
     fine_iterations: int
-    """Jacobians of the solve with as many as the field is worth."""
+    """Most Jacobians of the fine solve, which has as many modes and knots as the field requires."""
     last_iterations: int = 1
-    """Jacobians of the solve with the sizes learnt."""
+    """Most Jacobians of the last solve, after the hyperparameters were learnt."""
     length: float = PRIOR.length
-    """Correlation length of the field before its sizes are learnt [body radii]."""
+    """Correlation length of the field before its hyperparameters are learnt [body radii]."""
     duration: float = PRIOR.duration
-    """The same in time [frames]."""
+    """Correlation time of the field before its hyperparameters are learnt [frames]."""
 
     def modes(self, basis: SpatialBasis) -> SpatialBasis:
-        """Those of them that it has."""
+        """The modes of `basis` that this pace uses."""
         return basis if self.degree is None else basis.up_to(self.degree)
 
 
 USUAL = Pace(degree=2, knot=4.0, segment=16, behind=8.0, leads_on=True, segment_iterations=1, coarse_iterations=1, fine_iterations=2)
 FLOWING = Pace(degree=2, knot=4.0, segment=5, behind=2.5, leads_on=False, segment_iterations=1, coarse_iterations=4, fine_iterations=3)
-"""Of a body that flows and is seen in pixels: followed in one go, a plastic ball's 16 frames ended 5 px off, in segments 1 px."""
+"""For a body that flows and is seen in pixels: at the end of 16 frames a plastic ball was off by 5 px if followed in one piece, and by 1 px
+in segments."""
 FINELY = Pace(
     degree=None, knot=2.0, segment=6, behind=12.0, leads_on=True, segment_iterations=5, coarse_iterations=3, fine_iterations=6,
     last_iterations=4, length=0.5, duration=4.0,
 )  # fmt: skip
-"""Of a body that strayed at the usual pace."""
+"""For a body that strayed at the usual pace."""
 
 
 @dataclass(frozen=True)
 class FirstField:
-    """What the solve of a whole block begins with."""
+    """The start of the solve of a whole block."""
 
     forward: Forward
     prior: Prior
@@ -80,14 +81,17 @@ class FirstField:
     iterations: int
     """Jacobians used."""
     misfit: float
-    """Of the motion that the look-ahead led through [standard deviations]: what a solve that goes right lowers."""
+    """Misfit of the motion found by the look-ahead, which a successful solve lowers [standard deviations]."""
 
 
 def follow(solver: Solver, pace: Pace, share: tuple[float, float]) -> FirstField:
-    """Unknowns that track the whole block.
+    """A first field under which the simulation tracks the whole block.
 
     Args:
-        share: of the block's progress, from and to.
+        share: fractions of the block's progress at which this begins and ends.
+
+    Raises:
+        SimulationError: when the body breaks down.
     """
     what = "Following the object again, finely" if pace is FINELY else "Following the object"
     objective, expected = solver.objective, solver.expected
@@ -125,7 +129,7 @@ def follow(solver: Solver, pace: Pace, share: tuple[float, float]) -> FirstField
             settled = begin - pace.behind
             open_knots = np.repeat(forward.knots.at >= settled, forward.size // forward.shape[0])
             active = np.concatenate([open_knots, np.full(len(velocity), settled <= 0)])
-            if not active.any():  # in still air that has lasted for longer than that
+            if not active.any():  # no knots to solve for: the air has been still for longer than `behind`
                 continue
             most = min(pace.segment_iterations, solver.iterations)
             part_solved = solver.solve(forward, prior, theta, most, (done, done), what, active)
@@ -135,7 +139,7 @@ def follow(solver: Solver, pace: Pace, share: tuple[float, float]) -> FirstField
 
 
 def _unmoved(solver: Solver, pace: Pace) -> FirstField | None:
-    """No force on a body that is seen to stay where it is, and stays there without one; None of any other."""
+    """A zero field, if the body is seen to stay where it is and does so without a force; otherwise None."""
     place = solver.particles.x if solver.start is None else solver.start.x
     forward = solver.forward(pace.modes(solver.basis), solver.knot(pace.knot), solver.objective.frames, solver.early_model())
     theta = np.zeros(forward.size + len(forward.velocity))
@@ -144,10 +148,10 @@ def _unmoved(solver: Solver, pace: Pace) -> FirstField | None:
         return solver.objective.whiten(solver.objective.residual(path[None]))[0]
 
     def explained(path: np.ndarray) -> bool:
-        """To less than any step of a solve has to promise."""
+        """Whether the misfit is smaller than the least improvement for which a solve takes a step."""
         return float((missed(path) ** 2).sum()) < PACE.tolerance_per_unknown * len(theta)
 
-    if not explained(np.broadcast_to(place, (solver.objective.frames + 1, *place.shape))):  # simulates nothing
+    if not explained(np.broadcast_to(place, (solver.objective.frames + 1, *place.shape))):  # first, as it needs no simulation
         return None
     path = forward.trajectory(theta)
     if not explained(path.x):
@@ -158,7 +162,7 @@ def _unmoved(solver: Solver, pace: Pace) -> FirstField | None:
 
 
 def strayed(solver: Solver, first: FirstField, found: Solution) -> float:
-    """How far the solution that a first field led to is off, over what makes it worth finding that field again with finer steps."""
+    """Misfit of the solution `found` from a first field, relative to the misfit above which the block is followed again at a finer pace."""
     of_tracks = track_misfit(solver.objective, solver.basis.up_to(2).phi, found.residual) / PACE.refollow_misfit
     return max(of_tracks, solver.objective.misfit(found.residual) / max(PACE.refollow_misfit, PACE.refollow_worse * first.misfit))
 

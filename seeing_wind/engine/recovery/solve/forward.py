@@ -1,7 +1,7 @@
-"""The forward model of the solve: unknowns in, trajectories and their derivatives out.
+"""The forward model of the solve: from unknowns to trajectories and their derivatives.
 
 The unknowns theta (n,) are the field's coefficients (knots, modes, 3) [m/s²] followed by the initial velocities (V,) [m/s].
-The Jacobian comes from changes carried along one simulation.
+The Jacobian is computed by tangents that are carried along one simulation (`mpm.tangent`).
 """
 
 from __future__ import annotations
@@ -22,39 +22,39 @@ from ..prior.basis import Knots, SpatialBasis
 from ..targets.objective import Objective
 
 OFFSET = 1e-4
-"""Displacement [cells] by which residuals are differenced."""
+"""Step of the finite differences of the residuals by positions [cells]."""
 RECENT = 4
-"""Simulations that are kept: what was tried last is asked for again, as the start of the next solve and for its path."""
+"""Number of recent simulations that are kept: they are needed again, at the start of the next solve and for the path."""
 
 
 @dataclass(frozen=True)
 class Forward:
-    """A body, the functions its field is written with, and how it may start."""
+    """A body, the functions in which its field is written, and its possible initial motions."""
 
     model: Model
     rough: Model
-    """The same body with half the substeps: good enough for derivatives and for looking ahead."""
+    """The same body with fewer substeps, accurate enough for derivatives and for looking ahead."""
     x: np.ndarray
     """(N, 3) rest positions [m]."""
     basis: SpatialBasis
     knots: Knots
     velocity: np.ndarray
-    """(V, N, 3) initial motions of unit size."""
+    """(V, N, 3) velocities of the initial motions of unit size."""
     velocity_gradient: np.ndarray
-    """(V, N, 3, 3)."""
+    """(V, N, 3, 3) gradients of these velocities."""
     progress: Progress
     steady: np.ndarray
-    """(3,) force that is there anyhow, where the air is not still [m/s²]: the coefficients are what comes on top of it."""
+    """(3,) constant part of the force where the air is not still [m/s²]; the coefficients are relative to it."""
     begin: State | None = None
-    """The body at the first frame, if it is known; then there are no initial motions (V = 0)."""
+    """The body at the first frame, if it is known; there are then no initial motions (V = 0)."""
     journal: Journal = Journal()
-    """Keeps what was simulated."""
+    """Keeps the results of simulations."""
     _recent: dict[bytes, Trajectory] = field(default_factory=dict, init=False, repr=False, compare=False)
-    """The last simulations by their theta, of this body: what is made by `replace` begins without any."""
+    """Recent simulations of this body by their theta; a copy made by `replace` starts empty."""
 
     @property
     def hats(self) -> np.ndarray:
-        """(T, knots)."""
+        """(T, knots) values of the knots' hat functions."""
         return self.knots.hats
 
     @property
@@ -68,40 +68,40 @@ class Forward:
         return int(np.prod(self.shape))
 
     def pack(self, per_frame: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-        """theta (n,) nearest to coefficients per frame (T, fewer or as many modes, 3) and initial velocities (V,)."""
+        """The unknowns theta (n,) nearest to coefficients per frame (T, modes or fewer, 3) and initial velocities (V,)."""
         knots = np.zeros(self.shape)
         modes = per_frame.shape[1]
         knots[:, :modes] = np.tensordot(np.linalg.pinv(self.hats), per_frame - self._steadily()[:, :modes], 1)
         return np.concatenate([knots.ravel(), velocity])
 
     def start(self, velocity: np.ndarray) -> State:
-        """The state in the first frame with initial velocities (V,)."""
+        """The state in the first frame, given initial velocities (V,)."""
         if self.begin is not None:
             return self.begin
         rest = State.at_rest(self.x)
         return State(rest.x, *self._initial(velocity), rest.F)
 
     def per_frame(self, theta: np.ndarray) -> np.ndarray:
-        """theta (n,) or (B, n) -> coefficients per frame (..., T, modes, 3), of the whole force."""
+        """Coefficients of the whole force per frame (..., T, modes, 3) for theta (n,) or (B, n)."""
         return self._on_top(theta) + self._steadily()
 
     def _on_top(self, theta: np.ndarray) -> np.ndarray:
-        """`per_frame` without what is steady: linear in theta."""
+        """`per_frame` without the constant part: linear in theta."""
         knots = theta[..., : self.size].reshape(*theta.shape[:-1], *self.shape)
         return np.einsum("tk,...kpi->...tpi", self.hats, knots)
 
     def _steadily(self) -> np.ndarray:
-        """(T, modes, 3) of what is steady; the first mode is 1 all over the body."""
+        """Coefficients (T, modes, 3) of the constant part; the first mode is 1 all over the body."""
         alone = np.zeros((len(self.hats), *self.shape[1:]))
         alone[:, 0] = self.hats.sum(axis=1)[:, None] * self.steady
         return alone
 
     def acceleration(self, theta: np.ndarray) -> np.ndarray:
-        """(T, N, 3) [m/s²] on the particles."""
+        """Acceleration by the force (T, N, 3) [m/s²] on the particles."""
         return np.einsum("np,tpi->tni", self.basis.phi, self.per_frame(theta))
 
     def advance(self, state: State, coefficients: np.ndarray, frame: int) -> State:
-        """One frame under coefficients (modes, 3)."""
+        """Advance by one frame under the coefficients (modes, 3)."""
         gradient = np.einsum("pi,npj->nij", coefficients, self.basis.gradient) @ np.linalg.inv(state.F)
         return advance(self.model, state, self.basis.phi @ coefficients, gradient, frame=frame)
 
@@ -111,17 +111,17 @@ class Forward:
         def simulated() -> Trajectory:
             path = self._paths(theta[None])[0]
             if not np.isfinite(path.x).all():
-                self._simulate(theta[None], strict=True)  # breaks down again, and tells how
+                self._simulate(theta[None], strict=True)  # breaks down again, and raises the error
             return path
 
         return self.journal.once("motion", Trajectory, simulated, theta)
 
     def positions(self, theta: np.ndarray) -> np.ndarray:
-        """Candidates (B, n) -> (B, T+1, N, 3), NaN after a breakdown."""
+        """Positions (B, T+1, N, 3) [m] for candidates (B, n), NaN after a breakdown."""
         return np.stack([path.x for path in self._paths(theta)])
 
     def _paths(self, theta: np.ndarray) -> list[Trajectory]:
-        """Of candidates (B, n), NaN after a breakdown."""
+        """Simulations of candidates (B, n), from the recent ones where possible; NaN after a breakdown."""
         keys = [one.tobytes() for one in theta]
         known = {key: self._recent[key] for key in keys if key in self._recent}
         new = [b for b, key in enumerate(keys) if key not in known]
@@ -135,16 +135,20 @@ class Forward:
         return [known[key] for key in keys]
 
     def _simulate(self, theta: np.ndarray, strict: bool = False) -> list[Trajectory]:
-        """`_paths`, simulated; each to the same bits, whatever the others are. `strict`: raises SimulationError at a breakdown."""
+        """Simulate candidates (B, n); each result is the same to the last bit, whatever the others in the batch.
+
+        `strict`: raises SimulationError at a breakdown.
+        """
         starts = [self.start(one[self.size :]) for one in theta]
         coefficients = np.stack([self.per_frame(one) for one in theta])
         v0, C0 = (np.stack([getattr(start, name) for start in starts]) for name in ("v", "C"))
         return self._batch(self.model, starts[0], coefficients, v0, C0, strict).paths
 
     def look_ahead(self, state: State | None, unknowns: np.ndarray, first: int, frames: int) -> np.ndarray:
-        """Constant coefficients over a few frames from `first` on: (B, modes 3 [+ V]) -> (B, frames+1, N, 3).
+        """Positions (B, frames+1, N, 3) [m] over a few frames from `first` on, under coefficients that are constant in time.
 
-        State None starts at rest with velocities.
+        The `unknowns` (B, n) are the coefficients (3 modes), followed by initial velocities (V,) if `state` is None; the body then starts
+        from its rest shape.
         """
         modes, rough = self.shape[1], self.rough.from_frame(first)
         constant = unknowns[:, : 3 * modes].reshape(-1, 1, modes, 3)
@@ -157,7 +161,8 @@ class Forward:
     def look_ahead_changes(
         self, state: State | None, unknown: np.ndarray, offset: np.ndarray, first: int, frames: int
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Positions (frames+1, N, 3) of `look_ahead` under `unknown` (n,), and (n, ...) with each entry changed by its offset (n,)."""
+        """Positions (frames+1, N, 3) of `look_ahead` under `unknown` (n,), and (n, frames+1, N, 3), to first order, with each entry changed
+        by its `offset` (n,)."""
         modes = self.shape[1]
         unit = np.eye(len(unknown))
         constant = np.repeat(unit[:, : 3 * modes].reshape(-1, 1, modes, 3), frames, axis=1)
@@ -171,7 +176,7 @@ class Forward:
         return x, x + offset[:, None, None, None] * change
 
     def _initial(self, velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Velocities (..., N, 3) [m/s] and affine velocities (..., N, 3, 3) [1/s] of initial velocities (..., V)."""
+        """Particle velocities (..., N, 3) [m/s] and affine velocities (..., N, 3, 3) [1/s] from initial velocities (..., V)."""
         return np.tensordot(velocity, self.velocity, 1), np.tensordot(velocity, self.velocity_gradient, 1)
 
     def _batch(
@@ -183,10 +188,10 @@ class Forward:
         )  # fmt: skip
 
     def jacobian(self, theta: np.ndarray, active: np.ndarray, objective: Objective, scale: np.ndarray) -> np.ndarray:
-        """d (raw residuals) / d theta[active], (number active, T+1, channels), with the rough model or, where that breaks, the fine one.
+        """Derivatives (k, T+1, channels) of the raw residuals by the k active unknowns, by the rough model, or the fine one if that fails.
 
         Args:
-            active: (n,) bool, the unknowns to differentiate by.
+            active: (n,) bool, the unknowns by which to differentiate.
             scale: (n,) expected sizes of the unknowns.
 
         Raises:
@@ -200,14 +205,14 @@ class Forward:
             return replace(self, rough=self.model).jacobian(theta, active, objective, scale)
 
     def _columns(self, theta: np.ndarray, active: np.ndarray, objective: Objective, scale: np.ndarray) -> np.ndarray:
-        """`jacobian` with the rough model, if it holds."""
+        """`jacobian` with the rough model."""
         which = np.flatnonzero(active)
         assert which.size, "no unknown is active"
         size = scale[which]
         return self.journal.array("columns", partial(self._carried, theta, which, size, objective), theta, which, size)
 
     def _carried(self, theta: np.ndarray, which: np.ndarray, size: np.ndarray, objective: Objective) -> np.ndarray:
-        """`jacobian` for the unknowns `which`, by carrying changes of their expected `size` along one simulation (`mpm.tangent`)."""
+        """`jacobian` for the unknowns `which`, from tangents for changes of their expected `size`, carried along one simulation."""
         unit = np.zeros((len(which), len(theta)))
         unit[np.arange(len(which)), which] = size
         v0 = C0 = None

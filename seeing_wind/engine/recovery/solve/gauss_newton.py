@@ -1,9 +1,9 @@
-"""Dense Gauss-Newton with Levenberg damping in the prior's own metric.
+"""Dense Gauss-Newton with Levenberg damping in the metric of the prior.
 
     minimise |r(theta)|² + (theta - m)' P (theta - m)        r whitened residuals, m mean and P precision of the prior
 
-Damping adds lambda P, so that a shortened step is one that the prior likes, not an arbitrary one. One Jacobian serves several *chord*
-steps with fresh residuals: a Jacobian costs a simulation per unknown, a step half a dozen.
+Damping adds lambda P, so that a step is shortened towards what is probable under the prior. One Jacobian serves several *chord* steps, each
+with fresh residuals: a Jacobian costs as much as many simulations, a chord step only a few.
 """
 
 from __future__ import annotations
@@ -19,36 +19,36 @@ from ...errors import SimulationError
 from .constants import PACE
 
 DAMPING = ((0.0, 1.0), (5.0, 30.0, 200.0, 1e3, 3e4, 1e6))
-"""Candidates of lambda: those that mostly serve, and those tried when they do not. Those of a group are simulated in parallel."""
+"""Candidates of lambda: those that usually suffice, and those that are tried otherwise. Each group is simulated in parallel."""
 
 
 @dataclass(frozen=True)
 class Linearisation:
-    """The problem at one point."""
+    """The problem linearised at one point."""
 
     theta: np.ndarray
-    """(n,)."""
+    """(n,) the point."""
     residual: np.ndarray
-    """(m,) whitened residuals."""
+    """(m,) whitened residuals at the point."""
     jacobian: np.ndarray
-    """(n, m) their derivatives."""
+    """(n, m) derivatives of the whitened residuals."""
     normal: np.ndarray
     """(n, n) J'J."""
 
     @staticmethod
     def at(theta: np.ndarray, residual: np.ndarray, jacobian: np.ndarray) -> Linearisation:
-        """From point, residual and Jacobian."""
+        """A linearisation from point (n,), residual (m,) and Jacobian (n, m)."""
         return Linearisation(theta, residual, jacobian, (jacobian @ jacobian.T).astype(np.float64))
 
     @property
     def pull(self) -> np.ndarray:
-        """(n,) J'(J theta - r): right side of the normal equations (J'J + P) mean = pull of the linearised problem."""
+        """(n,) J'(J theta - r), the right side of the linearised problem's normal equations: (J'J + P) posterior mean = pull."""
         return self.normal @ self.theta - self.jacobian @ self.residual
 
 
 @dataclass(frozen=True)
 class Solution:
-    """Where the iterations ended."""
+    """The result of `solve`."""
 
     theta: np.ndarray
     residual: np.ndarray
@@ -57,25 +57,25 @@ class Solution:
     """Jacobians used."""
     converged: bool
     point: Linearisation
-    """The last linearisation; theta may be some chord steps away."""
+    """The last linearisation; `theta` may be a few chord steps away from its point."""
 
     @property
     def pull(self) -> np.ndarray:
-        """(n,) that of the last linearisation with theta and its residuals."""
+        """(n,) as `Linearisation.pull`, at `theta` with its residuals, but with the Jacobian of the last linearisation."""
         return self.point.normal @ self.theta - self.point.jacobian @ self.residual
 
 
 Residuals = Callable[[np.ndarray], np.ndarray]
-"""(B, n) -> whitened residuals (B, m), infinite where a simulation broke down."""
+"""Function from unknowns (B, n) to whitened residuals (B, m), infinite where a simulation broke down."""
 
 
 def cost_of(residual: np.ndarray, offset: np.ndarray, precision: np.ndarray) -> np.ndarray:
-    """(B,) costs of residuals (B, m) at theta - mean (B, n); infinite where a residual is."""
+    """Costs (B,) from residuals (B, m) and offsets theta - mean (B, n); infinite where a residual is infinite."""
     return (residual**2).sum(axis=-1) + np.einsum("bi,ij,bj->b", offset, precision, offset, optimize=True)
 
 
 def _damped(normal: np.ndarray, precision: np.ndarray) -> Callable[[float], tuple[np.ndarray, np.ndarray]]:
-    """lambda -> LU factors of J'J + (1 + lambda) P, each made once: the chord steps of one Jacobian share them."""
+    """Function from lambda to LU factors of J'J + (1 + lambda) P; cached, as the chord steps of one Jacobian share them."""
     return cache(lambda damp: lu_factor(normal + (1.0 + damp) * precision, overwrite_a=True, check_finite=False))
 
 
@@ -91,17 +91,20 @@ def solve(
     tolerance: float = PACE.tolerance,
     per_unknown: float = PACE.tolerance_per_unknown,
 ) -> Solution:
-    """Minimise from `theta` (n,).
+    """Minimise the cost, starting from `theta` (n,).
 
     Args:
         theta: start, at which the simulation must not break down.
         mean, precision: (n,) and (n, n) of the prior.
-        residuals: of several candidates at once.
-        linearise: residual and Jacobian at one point; where it breaks down, what was found before stands, if anything was.
-        iterations: Jacobians at most, the one given not counted.
+        residuals: whitened residuals of several candidates at once.
+        linearise: residual and Jacobian at one point; if it breaks down, the last point before stands.
+        iterations: most Jacobians to compute; a given `point` does not count.
         report: called with the number of Jacobians so far and the whitened residuals (m,).
         point: a linearisation near `theta` to begin with.
-        tolerance, per_unknown: what a step must promise, as a share of the cost and per unknown.
+        tolerance, per_unknown: converged when a step promises to lower the cost by less than these, as a share of it or per unknown.
+
+    Raises:
+        SimulationError: when the first linearisation breaks down.
     """
     used, cost, before = 0, np.inf, point
     residual = residuals(theta[None])[0] if point else np.zeros(0)

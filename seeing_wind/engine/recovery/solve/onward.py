@@ -1,8 +1,8 @@
-"""From one block of a clip to the next: how the force varies in space and time is known, and what it is in the frames that both solve.
+"""From one block of a clip to the next: the block before provides the hyperparameters, and the force in the frames of the overlap.
 
-So a block that has one before it is not followed segment by segment (`first_field`): the receding horizon (`warm_start`) leads the body on
-from the frames that are known, and a coarse solve of the whole block begins there. A body that is held comes back to where it was seen, so
-its fine solve takes the modes and the sizes of the block before; those of a free one are learnt again.
+A block with one before it is therefore not followed segment by segment (`first_field`): the receding horizon (`warm_start`) continues from
+the overlap, and a coarse solve of the whole block starts there. A held body keeps returning to the same places, so its fine solve reuses
+the modes and hyperparameters of the block before; for a free body they are learnt again.
 """
 
 from __future__ import annotations
@@ -28,21 +28,24 @@ WHAT = "Going on with the force so far"
 
 @dataclass(frozen=True)
 class Onward:
-    """What a block knows of the one after it."""
+    """What a block hands on to the one after it."""
 
     kernel: Kernel
-    """The hyperparameters learnt."""
+    """The learnt hyperparameters."""
     knot: float
-    """Frames between knots that they ask for."""
+    """Frames between knots that these hyperparameters require."""
     coefficients: np.ndarray
-    """(overlap, modes, 3) of the force in the frames that the next block solves again [m/s²]."""
+    """(overlap, modes, 3) coefficients of the force in the frames that the next block solves again [m/s²]."""
     misfit: float
-    """What the solution missed [standard deviations]."""
+    """Misfit of the block's solution, see `missed_by` [standard deviations]."""
 
 
 def continue_block(solver: Solver, before: Onward) -> tuple[Forward, Prior, Solution, int] | None:
-    """Forward model, prior, solution of a held body with the modes of the block before, or more, and the Jacobians used; None where the
-    body strays so."""
+    """Continue a held body from the block before, with at least as many modes.
+
+    Returns:
+        Forward model, prior, solution, and the number of Jacobians used; None if the solution strays or the body breaks down.
+    """
     objective, frames, modes = solver.objective, solver.objective.frames, before.coefficients.shape[1]
     worth = modes_for_variance(before.kernel, solver.basis, solver.particles.x, PRIOR.unexpected)
     forward = solver.forward(solver.basis.first(max(modes, worth)), solver.knot(before.knot), frames)
@@ -62,7 +65,7 @@ def continue_block(solver: Solver, before: Onward) -> tuple[Forward, Prior, Solu
 
 
 def lead_on(solver: Solver, before: Onward) -> tuple[Forward, Prior, Solution]:
-    """Forward model, prior and solution with few modes and sparse knots.
+    """Forward model, prior and coarse solution, with few modes and sparse knots, starting from the block before.
 
     Raises:
         SimulationError: when the body breaks down.
@@ -74,12 +77,12 @@ def lead_on(solver: Solver, before: Onward) -> tuple[Forward, Prior, Solution]:
 
 
 def astray(solver: Solver, before: Onward, found: Solution) -> bool:
-    """Whether a solution misses more than a usual one does, and clearly more than that of the block before."""
+    """Whether a solution's misfit is unusually large and clearly larger than that of the block before."""
     return missed_by(solver, found) >= max(PACE.refollow_misfit, PACE.refollow_worse * before.misfit)
 
 
 def _first_guess(solver: Solver, before: Onward) -> np.ndarray:
-    """(T, modes, 3) coefficients of the block's force: those known, and after them what leads the body on.
+    """(T, modes, 3) coefficients of the block's force: those known in the overlap, then those found by the receding horizon.
 
     Raises:
         SimulationError: when the body breaks down.
@@ -102,6 +105,6 @@ def _first_guess(solver: Solver, before: Onward) -> np.ndarray:
 
 
 def missed_by(solver: Solver, found: Solution) -> float:
-    """By how much a solution misses the tracks, projected on the body's modes, or all targets, if that is more [standard deviations]."""
+    """Misfit of a solution [standard deviations]: of the tracks projected on the body's modes, or of all targets, whichever is larger."""
     of_tracks = track_misfit(solver.objective, solver.basis.up_to(2).phi, found.residual)
     return max(of_tracks, solver.objective.misfit(found.residual))

@@ -1,4 +1,4 @@
-"""The least-squares problem of one solve: what is observed under a force, whitened, and how it changes with the force."""
+"""The least-squares problem of one solve: the whitened residuals under a force, and their derivatives by the force."""
 
 from __future__ import annotations
 
@@ -15,36 +15,36 @@ from .gauss_newton import Linearisation
 
 @dataclass(frozen=True)
 class Problem:
-    """For the unknowns that are active; candidates are of these alone, (B, k) of theta (n,)."""
+    """The problem in the k active ones of the n unknowns theta; candidates (B, k) contain only those."""
 
     forward: Forward
     objective: Objective
-    """Of the frames that `forward` has."""
+    """The targets in the frames of `forward`."""
     prior: Prior
     theta: np.ndarray
-    """(n,) where the solve begins; unknowns that are not active stay so."""
+    """(n,) start of the solve; unknowns that are not active keep these values."""
     active: np.ndarray
-    """(n,) bool."""
+    """(n,) bool: which unknowns are solved for."""
 
     def whole(self, candidates: np.ndarray) -> np.ndarray:
-        """Candidates (B, k) with those that stay, (B, n)."""
+        """Candidates (B, k) with the unknowns that are not active filled in, (B, n)."""
         full = np.repeat(self.theta[None], len(candidates), axis=0)
         full[:, self.active] = candidates
         return full
 
     def belief(self) -> tuple[np.ndarray, np.ndarray]:
-        """Mean (k,) and precision (k, k) of the prior, given the unknowns that stay."""
+        """Mean (k,) and precision (k, k) of the active unknowns' prior, conditional on the others."""
         precision, active = self.prior.precision(), self.active
         inner = precision[np.ix_(active, active)]
         return -np.linalg.solve(inner, precision[np.ix_(active, ~active)] @ self.theta[~active]), inner
 
     def residuals(self, candidates: np.ndarray) -> np.ndarray:
-        """As `whitened`, (B, m)."""
+        """Whitened residuals (B, m) of candidates (B, k), infinite where the simulation broke down."""
         work = partial(whitened, self.forward, self.objective, self.whole(candidates))
         return self.forward.journal.array("trial", work, candidates)
 
     def linearise(self, candidate: np.ndarray) -> Linearisation:
-        """Residuals and their Jacobian at one candidate (k,). Raises SimulationError when a simulation breaks down."""
+        """Whitened residuals and their Jacobian at one candidate (k,). Raises SimulationError when a simulation breaks down."""
         return self.forward.journal.once("linearise", Linearisation, partial(self._linearised, candidate), candidate)
 
     def _linearised(self, candidate: np.ndarray) -> Linearisation:

@@ -1,6 +1,6 @@
-"""A block of a clip as it is solved: its body, what is observed and believed of it, simulations of it, and one Gauss-Newton solve.
+"""A block of a clip with all that its solves need: the body, its targets and prior, its simulations, and one Gauss-Newton solve.
 
-`block` puts solves in order; `first_field` and `onward` begin with some of their own.
+`block` runs the solves in order; `first_field` and `onward` run some of their own to start.
 """
 
 from __future__ import annotations
@@ -30,30 +30,32 @@ from .stiffness import Stiffness
 
 @dataclass
 class Solver:
-    """One block."""
+    """A block, its body, and what is known of both."""
 
     particles: Particles
     model: Model
-    """With the stiffness given."""
+    """The body with the stiffness as given."""
     objective: Objective
-    """Of the block alone."""
+    """The targets of this block alone."""
     basis: SpatialBasis
     """All modes that the data can tell apart."""
     expected: Expected
+    """Sizes of the field and of the initial velocity that are expected before the solve."""
     start: State | None
-    """The body at the block's first frame; None is at rest in its built shape with an unknown velocity."""
+    """The body at the block's first frame; None if it starts in its built shape with an unknown velocity."""
     iterations: int
-    """Jacobians that a solve may use at most."""
+    """Most Jacobians that a solve may use."""
     progress: Progress
     tell: Callable[[float, str, float | None], None]
-    """Told the fraction done, what is being done, and how far the simulation is from what was seen, see `Objective.median_distance`."""
+    """Called with the fraction done, the current activity, and the distance of the simulation from the targets, see
+    `Objective.median_distance`."""
     still: np.ndarray
     """(T,) bool: the block's frames without a force."""
     steady: np.ndarray
-    """(3,) what the force of the blocks before, if there are any, had throughout [m/s²]."""
+    """(3,) constant part of the force in the blocks before, zero without any [m/s²]."""
     stiffness: Stiffness = field(default_factory=partial(Stiffness, free=False))
     journal: Journal = Journal()
-    """Keeps what is found on the way."""
+    """Keeps intermediate results."""
 
     def _model(self) -> Model:
         return self.stiffness.of(self.model, self.particles)
@@ -63,9 +65,10 @@ class Solver:
         return replace(model, substeps=math.ceil(PACE.rough * model.substeps / model.refined))
 
     def knot(self, wanted: float) -> float:
-        """Frames between knots: `wanted`, or a power of two times it, so that a field on coarse knots is one on finer too.
+        """Frames between knots: `wanted` times a power of two, so that the fields on coarse knots are among those on finer knots.
 
-        Sparser than wanted when the dense solve would become too large; finer where still air says that the force ends at once.
+        More frames than wanted if the dense solve would otherwise become too large; fewer if there is still air, where the force ends
+        abruptly.
         """
         affordable = 3.0 * self.basis.phi.shape[1] * np.count_nonzero(~self.still) / PACE.unknowns
         knot = max(1.0, 0.5 * wanted) if self.still.any() else wanted
@@ -74,11 +77,12 @@ class Solver:
         return knot
 
     def early_model(self) -> Model:
-        """The body before the fine solve: rough, unless it is held, and so judged by how it answers, or flows, which hangs on substeps."""
+        """The model before the fine solve: the rough one, unless the body is held, and so judged by its response to forces, or flows:
+        both depend on the length of the substeps."""
         return self._model() if self.particles.pinned.any() or self.model.plastic else self._rough()
 
     def forward(self, basis: SpatialBasis, knot: float, frames: int, model: Model | None = None) -> Forward:
-        """Simulations of the block's first `frames` with these modes, and the fine model of the stiffness so far unless told otherwise."""
+        """The forward model of the block's first `frames` with these modes; by default with the fine model and the present stiffness."""
         velocity, gradient = velocity_basis(self.particles.x, basis, self.particles.pinned)
         if self.start is not None:
             velocity, gradient = velocity[:0], gradient[:0]
@@ -99,8 +103,8 @@ class Solver:
         tolerance: float = PACE.tolerance,
         per_unknown: float = PACE.tolerance_per_unknown,
     ) -> Solution:
-        """Gauss-Newton from theta over the frames that `forward` has; unknowns that are not `active` stay, and the solution lacks them
-        but for its theta, which is whole."""
+        """Gauss-Newton from theta over the frames of `forward`. Unknowns that are not `active` keep their values; of the solution, only
+        theta includes them."""
         active = np.ones(len(theta), bool) if active is None else active
         problem = Problem(forward, self.objective.until(len(forward.hats)), prior, theta, active)
 

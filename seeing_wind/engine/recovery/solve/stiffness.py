@@ -1,24 +1,24 @@
-"""How stiff a held body is, and where it is held, as two more unknowns of the solve.
+"""The stiffness of a held body and the place of its clamp, as further unknowns of the solve.
 
-How far a force bends a held body is a matter of its stiffness, and nobody knows that well: it grows with the cube of a thickness that
-was guessed from frames, and a grid of a few cells across the body has its own, which points in 3D meet too. A body that swings near
-its resonance is worse: a post 13 % too stiff asked for forces 37 % off. But what it does by itself tells, so its stiffness is found with
-the force. Where it is held is seen to a few millimetres only, and a clamp that reaches too far up makes it stiffer, but not in the same
-way to every swing: so that is found, too, and how the stiffness is spread over the section (`section`). With r the whitened residuals,
-J (n, m) their derivatives by the other unknowns theta, P the precision of theta's prior, and
+How far a force bends a held body depends on its stiffness, which is never known well: it grows with the cube of a thickness that was
+guessed from frames, and a grid of a few cells across the body adds an error of its own, also if the targets are 3D points. Near resonance
+the effect is larger: a post 13 % too stiff led to forces 37 % off. But the body's free motion shows its stiffness, which is therefore
+found together with the force. Where the body is held is seen to a few millimetres only, and a clamp that reaches too far up makes the body
+stiffer, but not equally in every mode of swinging. So the clamp's depth is found, too, and the distribution of stiffness over the section
+(`section`). With r the whitened residuals, J (n, m) their derivatives by the other unknowns theta, P the precision of theta's prior, and
 
     q = (s, d, a, b)    s = log(E / E given) ~ N(0, stiffness_spread²)      d ~ N(0, clamp_spread²), cells by which the clamp begins deeper
-                        a, b ~ N(0, section_spread² or section_seen²), sizes of the section's two shapes
-    C = dr/dq           (m, 4), differences through the simulator
-    Q                   the precision of q's prior: diagonal, or what another clip of the same body left (`known_body`)
+                        a, b ~ N(0, section_spread² or section_seen²), amplitudes of the section's two shapes
+    C = dr/dq           (m, 4), finite differences through the simulator
+    Q                   precision of q's prior: diagonal, or the posterior from another clip of the same body (`known_body`)
 
-a Gauss-Newton step for all
+a joint Gauss-Newton step is
 
     [ J J' + P   J C      ] [d theta]       [ J r + P theta ]
     [ (J C)'     C'C + Q  ] [d q    ]  =  - [ C'r + Q (q - E q) ]
 
-and after it theta alone is solved for again. s scales both of Lamé's parameters and the viscosity: Poisson's ratio and the retardation
-time stay. The damping is the material's: found with the rest it took nothing from the errors (docs/notebook/held_bodies.md).
+After it, theta alone is solved for again. s scales both of Lamé's parameters and the viscosity, so that Poisson's ratio and the retardation
+time stay as they are. The damping is the material's: as a further unknown it did not reduce the errors (docs/notebook/held_bodies.md).
 """
 
 from __future__ import annotations
@@ -43,38 +43,38 @@ from .gauss_newton import Solution
 from .section import section_shapes
 
 LEAST_SHIFT = 5e-5
-"""Metres between a clamp and the border given that are told."""
+"""Least distance between the clamp and the given border that a note states [m]."""
 
 
-def wide(section: float = PRIOR.section_spread) -> np.ndarray:
-    """(4, 4) covariance of q before the clip is seen, with this standard deviation of a and b."""
+def prior_covariance(section: float = PRIOR.section_spread) -> np.ndarray:
+    """(4, 4) covariance of q before any clip is seen, with the standard deviation `section` for a and b."""
     return np.diag([PRIOR.stiffness_spread, PRIOR.clamp_spread, section, section]) ** 2
 
 
 @dataclass(frozen=True)
 class Stiffness:
-    """What is held to be true of s, d, a and b."""
+    """What is known of q = (s, d, a, b)."""
 
     free: bool
-    """Still to be found; else they stay."""
+    """True while q is an unknown of the solve; False if it keeps its value."""
     q: np.ndarray = field(default_factory=lambda: np.zeros(4))
     """(4,) s, d [grid cells], a and b."""
-    covariance: np.ndarray = field(default_factory=wide)
-    """(4, 4) of q, by the fit itself."""
+    covariance: np.ndarray = field(default_factory=prior_covariance)
+    """(4, 4) posterior covariance of q."""
     expected: np.ndarray = field(default_factory=lambda: np.zeros(4))
     """(4,) mean of q's prior."""
-    precision: np.ndarray = field(default_factory=lambda: np.linalg.inv(wide()))
-    """(4, 4) of q's prior."""
+    precision: np.ndarray = field(default_factory=lambda: np.linalg.inv(prior_covariance()))
+    """(4, 4) precision of q's prior."""
 
     @staticmethod
     def unknown(free: bool, seen: bool) -> Stiffness:
-        """What is known beforehand; `seen`: of a body whose particles are points that were followed."""
-        covariance = wide(PRIOR.section_seen if seen else PRIOR.section_spread)
+        """The state before any clip is seen; `seen`: whether the body's particles are points that were followed."""
+        covariance = prior_covariance(PRIOR.section_seen if seen else PRIOR.section_spread)
         return Stiffness(free, covariance=covariance, precision=np.linalg.inv(covariance))
 
     @staticmethod
     def of_another_clip(expected: np.ndarray, covariance: np.ndarray, free: bool) -> Stiffness:
-        """What another clip of the same body tells beforehand: q (4,) and its covariance (4, 4)."""
+        """The state after another clip of the same body, which gave q's mean (4,) and covariance (4, 4)."""
         return Stiffness(free, expected, covariance, expected, np.linalg.inv(covariance))
 
     @property
@@ -94,62 +94,62 @@ class Stiffness:
 
     @property
     def known(self) -> bool:
-        """Whether this clip, or one before, tells it."""
+        """Whether this clip, or an earlier one, determines the stiffness."""
         return self.deviation <= PRIOR.stiffness_told * PRIOR.stiffness_spread
 
     def at(self, q: np.ndarray, covariance: np.ndarray) -> Stiffness:
-        """The same with other values (4,)."""
+        """The same with other values q (4,) and their covariance (4, 4)."""
         return replace(self, q=q, covariance=covariance)
 
     def settled(self) -> Stiffness:
-        """The same from now on."""
+        """The same, no longer free."""
         return replace(self, free=False)
 
     def of(self, model: Model, body: Particles) -> Model:
-        """The model given with this stiffness, held where this says."""
+        """The given model with this stiffness and this place of the clamp."""
         factor, model = self.spread(body), scaled(model, self.s)
         if factor is not None:
-            model = carried(stiffer(model, factor), float(factor.max()))
+            model = with_substeps_for(stiffer(model, factor), float(factor.max()))
         return with_clamp_depth(model, body, model.clamp_depth + self.deeper)
 
     def spread(self, body: Particles) -> np.ndarray | None:
-        """(N,) factor on the particles' stiffness besides e^s; None where it is even."""
+        """(N,) factor on the particles' stiffness in addition to e^s; None if it is 1 everywhere."""
         return np.exp(self.q[2:] @ section_shapes(body)) if self.q[2:].any() else None
 
     def penalty(self) -> float:
-        """What q adds to the cost, twice their negative log prior."""
+        """The part of the cost due to q: twice the negative logarithm of its prior, but for a constant."""
         off = self.q - self.expected
         return float(off @ self.precision @ off)
 
 
 def is_free(particles: Particles, settings: RecoverSettings) -> bool:
-    """Whether the stiffness is an unknown: of a body that is held somewhere, unless the settings forbid it.
+    """Whether the stiffness is an unknown: it is if the body is held somewhere, unless the settings forbid it.
 
-    A free body hardly moves differently when it is stiffer. The yield stress of one that flows stays as given.
+    The motion of a free body hardly depends on its stiffness. The yield stress of a body that flows stays as given.
     """
     return settings.stiffness == "free" and bool(particles.pinned.any())
 
 
 def scaled(model: Model, s: float) -> Model:
-    """The body with e^s times the stiffness, and as many more substeps as faster waves need."""
+    """The body with e^s times the stiffness, with more substeps if its waves become faster."""
     if s == 0.0:
         return model
     factor = math.exp(s)
-    return carried(stiffer(model, factor), factor)
+    return with_substeps_for(stiffer(model, factor), factor)
 
 
-def carried(model: Model, factor: float) -> Model:
-    """The model with as many more substeps as the faster waves need of what is, at most, `factor` times as stiff."""
+def with_substeps_for(model: Model, factor: float) -> Model:
+    """The model with as many more substeps as its waves need if its stiffness was multiplied by at most `factor`."""
     return replace(model, substeps=math.ceil(model.substeps * max(1.0, math.sqrt(factor))))
 
 
 def stiffer(model: Model, factor: float | np.ndarray) -> Model:
-    """The body of `model` with `factor` times the stiffness, one or (N,), and the same retardation time."""
+    """The body of `model` with `factor` times the stiffness, a number or (N,), and the same retardation time."""
     return replace(model, mu=factor * model.mu, lam=factor * model.lam, viscosity=factor * model.viscosity)
 
 
 def stiffest(model: Model) -> float:
-    """Largest s that the substeps allowed to a held body carry."""
+    """Largest s for which the substeps that a held body may have suffice."""
     return max(0.0, 2.0 * math.log(LIMITS.max_substeps_held / model.substeps))
 
 
@@ -161,7 +161,7 @@ def youngs_modulus(model: Model, body: Particles, s: float = 0.0) -> float:
 
 
 def remark(stiffness: Stiffness, model: Model, body: Particles) -> list[str]:
-    """What the user should know of a stiffness that was free."""
+    """Notes for the user on a stiffness that was free."""
     given = youngs_modulus(model, body)
     if stiffness.known:
         percent, found = round(100.0 * math.expm1(stiffness.s)), youngs_modulus(model, body, stiffness.s)
@@ -171,17 +171,17 @@ def remark(stiffness: Stiffness, model: Model, body: Particles) -> list[str]:
         where = f"{in_units(abs(away), 'm', 2)} {side}" if abs(away) >= LEAST_SHIFT else "at"
         return [
             f"The motion fits a Young's modulus of {in_units(found, 'Pa')} ({beside}, ±{100.0 * stiffness.deviation:.2g} %), and a clamp "
-            f"that begins {where} the border of what is marked as held. The forces are those on such a body; --stiffness given keeps the "
-            "modulus and the border as given."
+            f"that begins {where} the border of what is marked as held. The forces are those on such a body; with --stiffness given, the "
+            "modulus and the border stay as given."
         ]
     if stiffness.free and stiffness.deviation < PRIOR.stiffness_spread:
-        return [f"The motion does not tell how stiff the held body is: {in_units(given, 'Pa')} was kept, and its forces grow with that."]
+        return [f"The motion does not show how stiff the held body is: {in_units(given, 'Pa')} was kept, and the forces grow with it."]
     return []
 
 
 @dataclass(frozen=True)
 class Joint:
-    """The normal equations of theta and q about a solution."""
+    """The normal equations of theta and q around a solution."""
 
     normal: np.ndarray
     """(n, n) J J' + P."""
@@ -190,7 +190,7 @@ class Joint:
     own: np.ndarray
     """(4, 4) C'C + Q."""
     gradient: np.ndarray
-    """(n + 4,) right side, its sign turned."""
+    """(n + 4,) half the gradient of the cost, minus the right side of the normal equations."""
     prior: np.ndarray
     """(4, 4) Q."""
 
@@ -198,7 +198,7 @@ class Joint:
     def about(
         forward: Forward, body: Particles, objective: Objective, precision: np.ndarray, solution: Solution, there: Stiffness
     ) -> Joint:
-        """About theta of `solution` and the body of `forward`, which has the stiffness and clamp of `there`. precision: P (n, n)."""
+        """The equations at theta of `solution` and the body of `forward`, whose stiffness and clamp are `there`; precision: P (n, n)."""
 
         def white(dq: np.ndarray) -> np.ndarray:
             return forward.journal.array("white", partial(_white, forward, body, objective, solution.theta, dq), solution.theta, dq)
@@ -215,33 +215,33 @@ class Joint:
 
     @property
     def covariance(self) -> np.ndarray:
-        """(4, 4) of q when nothing but the priors is known of theta."""
-        # What theta's freedom leaves of `own` is positive definite but for rounding, and no less than the prior.
+        """(4, 4) marginal posterior covariance of q, when theta is unknown."""
+        # The Schur complement of `normal` is positive definite but for rounding, and at least the precision of q's prior.
         left: np.ndarray = self.own - self.coupling.T @ np.linalg.solve(self.normal, self.coupling)
         values, vectors = np.linalg.eigh(0.5 * (left + left.T) - self.prior)
         return np.linalg.inv((vectors * np.maximum(values, 0.0)) @ vectors.T + self.prior)
 
     def step(self) -> np.ndarray:
-        """(4,) the Gauss-Newton step of q."""
+        """(4,) the joint Gauss-Newton step of q."""
         followed = self.coupling.T @ np.linalg.solve(self.normal, self.gradient[: self._count])
         return -self.covariance @ (self.gradient[self._count :] - followed)
 
     def follow(self, dq: np.ndarray) -> np.ndarray:
-        """(n,) the step of theta that goes best with a step (4,) of q."""
+        """(n,) the best step of theta, given a step dq (4,) of q."""
         return -np.linalg.solve(self.normal, self.gradient[: self._count] + self.coupling @ dq)
 
     def chord(self, theta: np.ndarray, residual: np.ndarray, jacobian: np.ndarray, precision: np.ndarray) -> np.ndarray:
-        """(n,) a Gauss-Newton step of theta (n,) alone, from whitened residuals (m,) there, with the Jacobian (n, m) of the solution."""
+        """(n,) a Gauss-Newton step of theta (n,) alone, with whitened residuals (m,) at theta and the Jacobian (n, m) of the solution."""
         return -np.linalg.solve(self.normal, jacobian @ residual + precision @ theta)
 
 
 def shortened(step: np.ndarray) -> np.ndarray:
-    """The step (4,) of q, or as much of it as is taken at a time."""
+    """The step (4,) of q, scaled down where it exceeds the largest step allowed at a time."""
     return step / max(1.0, *(np.abs(step) / PACE.stiffness_steps))
 
 
 def covariance_with(normal: np.ndarray, joint: Joint | None) -> np.ndarray:
-    """(n, n) posterior covariance of theta, its precision `normal` if q were known, with q not known better than by `joint`."""
+    """(n, n) posterior covariance of theta: for a known q the inverse of `normal` (n, n); a `joint` adds the uncertainty of its q."""
     covariance = np.linalg.inv(normal)
     if joint is None:
         return covariance
@@ -250,7 +250,7 @@ def covariance_with(normal: np.ndarray, joint: Joint | None) -> np.ndarray:
 
 
 def _white(forward: Forward, body: Particles, objective: Objective, theta: np.ndarray, dq: np.ndarray) -> np.ndarray:
-    """(m,) whitened residuals a step dq (4,) away. The substeps stay, or the difference would be one of substeps too."""
+    """(m,) whitened residuals with q changed by dq (4,). The substeps stay the same, or they would contribute to the difference."""
     factor = np.exp(dq[0] + dq[2:] @ section_shapes(body))
     model = with_clamp_depth(forward.model, body, forward.model.clamp_depth + float(dq[1]))
     other = replace(forward, model=stiffer(model, factor))

@@ -1,8 +1,8 @@
 """A first guess that tracks the body: receding-horizon control.
 
-From the simulated state, the few frames of the look-ahead are simulated with a field that is affine over the body and constant meanwhile;
-a damped Gauss-Newton step fits it, the body is moved on, and the look-ahead follows. The simulation never strays far from what was seen,
-which a solve over the whole clip from a mean acceleration does as soon as the body turns.
+From the current simulated state, the few frames of the look-ahead are simulated under a field that is affine over the body and constant in
+time. A damped Gauss-Newton step fits this field to the targets, the body is advanced, and the look-ahead begins again from there. The
+simulation never strays far from the targets, whereas a solve over the whole clip from a mean acceleration does as soon as the body turns.
 """
 
 from __future__ import annotations
@@ -21,21 +21,21 @@ from .constants import PACE
 from .forward import Forward
 
 BROKEN = 1e6
-"""Residual [m or px] of a simulation that broke down."""
+"""Residual that stands for a simulation that broke down [m or px]."""
 DAMPING = ((0.0, 1.0), (10.0, 100.0))
-"""Tried at once, one pair after the other until one of them is better: two cores simulate a pair in the time of one."""
+"""Candidates of the damping, tried a pair at a time until one lowers the cost: two cores simulate a pair in the time of one."""
 
 
 @dataclass(frozen=True)
 class WarmStart:
-    """What the receding horizon found in its part of the clip."""
+    """The result of the receding horizon in one part of the clip."""
 
     coefficients: np.ndarray
-    """(frames, modes, 3) accelerations per frame [m/s²]."""
+    """(frames, modes, 3) coefficients of the acceleration in each interval [m/s²]."""
     velocity: np.ndarray
-    """(V,) initial velocities [m/s]; empty when the part does not begin with frame 0."""
+    """(V,) initial velocities [m/s]; empty if the body's state at the beginning was given."""
     path: Trajectory
-    """The body on the way, from the part's first frame on."""
+    """The simulated motion from the part's first frame on."""
 
 
 def warm_start(
@@ -48,14 +48,17 @@ def warm_start(
     end: int,
     last: np.ndarray | None,
 ) -> WarmStart:
-    """Track the targets through the frames begin ... end - 1.
+    """Track the targets through the intervals begin ... end - 1.
 
     Args:
-        forward: simulations with the few modes of the start.
+        forward: forward model with the few modes of the first guess.
         size: (3,) expected root mean square of each component of the field [m/s²].
-        speed: (V,) standard deviations of the initial velocities [m/s].
-        state: at frame `begin`; None starts at rest in frame 0 and finds the initial velocity too.
+        speed: (V,) prior standard deviations of the initial velocities [m/s].
+        state: the body at frame `begin`; None to start from the rest shape in frame 0 and find the initial velocities too.
         last: (modes, 3) coefficients shortly before `begin` [m/s²], if they are known.
+
+    Raises:
+        SimulationError: when the body breaks down.
     """
     deviation = np.outer(forward.basis.size, size)
     count, velocity = deviation.size, np.zeros(0)
@@ -86,9 +89,9 @@ def warm_start(
 def _fit(
     forward: Forward, objective: Objective, state: State | None, frame: int, ahead: int, mean: np.ndarray, spread: np.ndarray, steps: int
 ) -> np.ndarray:
-    """Damped Gauss-Newton over frames frame + 1 ... frame + ahead, from the prior's mean.
+    """The unknowns (n,) fitted by damped Gauss-Newton to the targets in frames frame + 1 ... frame + ahead, starting from the prior's mean.
 
-    The unknowns are the coefficients (modes 3) and, with state None, the initial velocities after them.
+    The unknowns are the coefficients (3 modes), followed by the initial velocities if `state` is None. mean, spread: (n,) of the prior.
     """
     work = partial(_fitted, forward, objective, state, frame, ahead, mean, spread, steps)
     return forward.journal.array("fit", work, frame, mean, spread)
@@ -102,7 +105,7 @@ def _fitted(
     for _ in range(steps):
         unknown, x, changed = bearable(forward, state, unknown, offset, frame, ahead)
         white = _whiten(objective, np.concatenate([x[None], changed]), frame)
-        if unexplained is None:  # taken for exact, what a constant force cannot explain is explained by any that squeezes the body
+        if unexplained is None:  # were the data exact, what a constant force cannot explain would be made up for by squeezing the body
             unexplained = max(1.0, PACE.horizon_unexplained * float(np.sqrt((white[0] ** 2).mean())))
         white /= unexplained
         before = float((white[0] ** 2).sum() + _prior_cost(unknown - mean, precision))
@@ -127,9 +130,12 @@ def _fitted(
 def bearable(
     forward: Forward, state: State | None, unknown: np.ndarray, offset: np.ndarray, frame: int, ahead: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The first of `unknown` (n,), a half and none of it under which the body does not break down, and `Forward.look_ahead_changes` there.
+    """`unknown` (n,) scaled by the first of `horizon_shares` under which the body holds, and `Forward.look_ahead_changes` there.
 
-    What moved a soft body so far may tear it when it goes on for a whole look-ahead.
+    A force under which a soft body has held so far may tear it if it goes on for a whole look-ahead.
+
+    Raises:
+        SimulationError: when the body breaks down under each of them.
     """
     for share in PACE.horizon_shares:
         try:
@@ -141,9 +147,10 @@ def bearable(
 
 
 def _whiten(objective: Objective, x: np.ndarray, frame: int) -> np.ndarray:
-    """Trajectories from frame `frame` (B, S, N, 3) -> residuals of the frames after it, each over its own deviation.
+    """Residuals (B, m) of trajectories (B, S, N, 3) that begin at `frame`, in the frames after it, each divided by its standard deviation.
 
-    Within a few frames the slow part of the mismatch is a plain offset. A simulation that broke down misses everything by far.
+    Correlations are left out: within a few frames the slow part of the mismatch is merely an offset. If a simulation broke down, all of its
+    residuals are `BROKEN`.
     """
     rows = slice(frame + 1, frame + x.shape[1])
     broken = ~np.isfinite(x).all(axis=(1, 2, 3))
@@ -157,9 +164,10 @@ def _prior_cost(offset: np.ndarray, precision: np.ndarray) -> np.ndarray:
 
 
 def _strain_precision(forward: Forward, state: State | None, spread: np.ndarray) -> np.ndarray:
-    """Precision (n, n) that keeps the force's stretch to STRAIN of what `spread` implies, however the body has turned.
+    """Precision (n, n) that limits the stretching part of the force to the share `PRIOR.strain` of what `spread` (n,) implies.
 
-    A few frames show how a body turns, hardly how it is stretched: within the noise, any stretch would do.
+    It takes account of how the body has turned. A few frames show how a body turns, but hardly how it is stretched: within the noise, any
+    stretch would do.
     """
     basis, count = forward.basis, 3 * forward.basis.phi.shape[1]
     F = np.broadcast_to(np.eye(3), (*forward.x.shape, 3)) if state is None else state.F

@@ -47,7 +47,7 @@ ITERATIONS, ROUNDS = 8, 3
 STEPS = 6
 """Most evaluations for each of the steady winds that are tried first."""
 CHANGED = 1e-3
-"""A solve after the first has converged when it lowers the cost by less than this fraction."""
+"""A solve has converged when its next step promises to lower the cost by less than this share."""
 
 
 @dataclass(frozen=True)
