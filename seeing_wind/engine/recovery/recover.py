@@ -94,7 +94,7 @@ def recover(
         softer = replace(material, youngs_modulus=youngs_modulus(model, particles, clip.stiffness.s))
         clip.notes[len(notes) : len(notes) + len(model_notes)] = _model(particles, softer, channels, fps, settings, plastic)[1]
     found = replace(clip.result(kept, material, views, began), borne=borne)
-    return found if moving is None else moving.carried(found, material.density, np.asarray(settings.gravity), model.gravity)
+    return found if moving is None else moving.to_world(found, material.density, np.asarray(settings.gravity), model.gravity)
 
 
 def channels_of(particles: Particles, seen: PointTargets | TrackTargets, plastic: bool) -> Channels:

@@ -1,9 +1,9 @@
-"""The functions that the solve writes the field with: smooth modes over the body, hats over time, and the motions it may start with.
+"""The functions in which the solve writes its unknowns: smooth modes over the body, hats over time, and possible initial motions.
 
-    a(X, t) = sum_j phi_j(X) sum_k H_k(t) c_kj        acceleration [m/s²] of the particle that rests at X, during frame t
+    a(X, t) = sum_j phi_j(X) sum_k H_k(t) c_kj        acceleration [m/s²] in interval t of the particle with rest position X
 
-The modes are polynomials of the rest position, orthonormal over the body's mass, sorted by how much of them a smooth field is expected
-to hold. Polynomials along a thin axis are all but constant and drop out: a plate gets functions of two coordinates, a rod of one.
+The modes are polynomials of the rest position, orthonormal over the body's mass, and sorted by their expected size in a smooth field.
+Polynomials along a thin axis are nearly constant and are left out: a plate gets functions of two coordinates, a rod of one.
 """
 
 from __future__ import annotations
@@ -21,23 +21,23 @@ from .constants import PRIOR
 
 @dataclass(frozen=True)
 class SpatialBasis:
-    """P orthonormal modes on N particles, most expected first."""
+    """P orthonormal modes on N particles, in the order of their expected size in a smooth field."""
 
     phi: np.ndarray
-    """(N, P); the mass-weighted mean of phi_i phi_j is 1 for i = j, else 0. phi[:, 0] = 1."""
+    """(N, P) values; the mass-weighted mean of phi_i phi_j is 1 for i = j, else 0. phi[:, 0] = 1."""
     gradient: np.ndarray
     """(N, P, 3) d phi / d X [1/m]."""
     degree: np.ndarray
     """(P,) polynomial degree."""
     size: np.ndarray
-    """(P,) standard deviation of the mode in a random field whose correlation length is `radius` (Taylor terms of a Gaussian kernel)."""
+    """(P,) standard deviation of the mode in a random field with the correlation length `radius` (Taylor terms of a Gaussian kernel)."""
     radius: float
     """Largest distance from the centre of mass [m]."""
     centre: np.ndarray
     """(3,) centre of mass [m]."""
 
     def first(self, count: int) -> SpatialBasis:
-        """The `count` most expected modes."""
+        """The first `count` modes."""
         return SpatialBasis(self.phi[:, :count], self.gradient[:, :count], self.degree[:count], self.size[:count], self.radius, self.centre)
 
     def up_to(self, degree: int) -> SpatialBasis:
@@ -52,7 +52,7 @@ def spatial_basis(x: np.ndarray, mass: np.ndarray, modes: int) -> SpatialBasis:
     Args:
         x: (N, 3) rest positions [m].
         mass: (N,) weights of the inner product (mass, or ones).
-        modes: most modes wanted; fewer come back for few particles or thin bodies.
+        modes: most modes to return; there are fewer for few particles or thin bodies.
 
     Raises:
         ObjectError: when all points coincide but there are several of them.
@@ -81,7 +81,7 @@ def spatial_basis(x: np.ndarray, mass: np.ndarray, modes: int) -> SpatialBasis:
                     share = weight @ (known * value)
                     value, slope = value - share * known, slope - share * known_slope
             norm = math.sqrt(weight @ value**2)
-            if norm < 1e-6:  # as many functions as the particles can tell apart
+            if norm < 1e-6:  # on these particles, it depends linearly on the functions before it
                 continue
             phi.append(value / norm)
             gradient.append(slope / norm)
@@ -94,8 +94,8 @@ def spatial_basis(x: np.ndarray, mass: np.ndarray, modes: int) -> SpatialBasis:
 
 
 def told_apart(modes: np.ndarray, least: float) -> int:
-    """How many of the first modes (K, M) some points tell apart: of each they show at least the share `least` of a mode of unit size that
-    the modes before it do not explain."""
+    """How many of the first modes can be told apart by their values (K, M) at some points: each has, beyond what the modes before it
+    explain, at least the share `least` of a mode of unit size."""
     if not len(modes):
         return 0
     own = np.abs(np.diag(np.linalg.qr(modes, mode="r"))) >= least * math.sqrt(len(modes))
@@ -114,38 +114,38 @@ def _monomial(local: np.ndarray, exponent: tuple[int, ...]) -> tuple[np.ndarray,
 
 
 def knots(frames: int, spacing: float) -> np.ndarray:
-    """Knots at 0, spacing, 2 spacing ... as far as needed to reach the last frame interval: a longer clip has the same first knots."""
+    """Knots at 0, spacing, 2 spacing ... until the last of the `frames` is reached, so that a longer clip has the same first knots."""
     return spacing * np.arange(math.ceil((frames - 1) / spacing - 1e-9) + 1)
 
 
 def hats(frames: int, spacing: float) -> np.ndarray:
-    """Linear hats H (frames, knots): row t holds the shares of the knots in frame t and sums to one."""
+    """Linear hat functions H (frames, knots): row t contains the weights of the knots in frame t and sums to one."""
     at = knots(frames, spacing)
     return np.stack([np.interp(np.arange(frames), at, column) for column in np.eye(len(at))], axis=1)
 
 
 @dataclass(frozen=True)
 class Knots:
-    """What the unknowns of a force stand for in time."""
+    """The knots of a force in time."""
 
     at: np.ndarray
-    """(K,) their times [frames]."""
+    """(K,) times of the knots [frames]."""
     hats: np.ndarray
-    """(T, K) shares of the knots in each frame: they sum to one, or to nothing in still air."""
+    """(T, K) weights of the knots in each frame: they sum to one, or to zero in still air."""
     spacing: float
-    """Frames between two of them in a row."""
+    """Frames between neighbouring knots."""
 
 
 def runs_of(frames: np.ndarray) -> list[tuple[int, int]]:
-    """Of frames (T,) bool: the first of each run in a row, and the one after its last."""
+    """The runs of consecutive True in frames (T,) bool, each as its first frame and the one after its last."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], frames, [False]]).astype(int))).tolist()
     return list(zip(edges[::2], edges[1::2]))
 
 
 def knots_between(still: np.ndarray, spacing: float) -> Knots:
-    """Knots for the frames (T,) that are not still: anew in each run of them, as the air does not come to rest gradually.
+    """Knots for the frames that are not `still` (T,) bool, separate in each run of them, as the air does not come to rest gradually.
 
-    Where all are still there is one knot, which nothing hangs on.
+    If all frames are still, there is one knot without any effect.
     """
     parts = [(begin + knots(end - begin, spacing), begin, end) for begin, end in runs_of(~still)]
     at = np.concatenate([one for one, _, _ in parts]) if parts else np.zeros(1)
@@ -157,9 +157,9 @@ def knots_between(still: np.ndarray, spacing: float) -> Knots:
 
 
 def held_axis(x: np.ndarray, pinned: np.ndarray) -> np.ndarray | None:
-    """Unit vector (3,) from what is held to what is not, of particles x (N, 3) of which pinned (N,) bool are held in part.
+    """Unit vector (3,) from the pinned part to the free part, for particles x (N, 3) of which some, not all, are `pinned` (N,) bool.
 
-    None where neither lies to one side of the other, as of a membrane held all round.
+    None if neither part lies to one side of the other, as with a membrane that is held all round.
     """
     along = x[~pinned].mean(axis=0) - x[pinned].mean(axis=0)
     length, size = np.linalg.norm(along), np.linalg.norm(x - x.mean(axis=0), axis=1).max()
@@ -167,10 +167,10 @@ def held_axis(x: np.ndarray, pinned: np.ndarray) -> np.ndarray | None:
 
 
 def velocity_basis(x: np.ndarray, basis: SpatialBasis, pinned: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The initial motions that are allowed: velocities (V, N, 3) and their gradients d v_i / d X_j (V, N, 3, 3), of unit size at the rim.
+    """The possible initial motions: velocities (V, N, 3) and their gradients d v_i / d X_j (V, N, 3, 3), with unit speed at the rim.
 
-    A free body may move and spin (V = 6). A held one may swing: a uniform velocity times a ramp that is zero, with zero slope, at the
-    nearest held particle (V = 3).
+    A free body may move and spin (V = 6). A held body may swing (V = 3): a uniform velocity times a ramp that is zero, with zero slope, at
+    the nearest pinned particle.
     """
     if pinned.any():
         held = x[pinned]
@@ -184,7 +184,7 @@ def velocity_basis(x: np.ndarray, basis: SpatialBasis, pinned: np.ndarray) -> tu
 
 
 def rigid_motions(x: np.ndarray, centre: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
-    """Three uniform motions and three spins about `centre` (3,), of unit speed at a radius [m]: as `velocity_basis`, V = 6."""
+    """Three uniform motions and three spins about `centre` (3,) with unit speed at `radius` [m], in the form of `velocity_basis`, V = 6."""
     velocity, gradient = np.zeros((6, len(x), 3)), np.zeros((6, len(x), 3, 3))
     for axis in range(3):
         velocity[axis, :, axis] = 1.0

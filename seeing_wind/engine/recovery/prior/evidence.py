@@ -5,9 +5,9 @@ N(0, I + R K R'), so
 
     -2 log evidence = log |I + R K R'| + z' (I + R K R')^-1 z + constant
 
-(MacKay 1992, "Bayesian interpolation"; Rasmussen and Williams 2006, section 5.4.1). Weak hyperpriors
-keep the hyperparameters finite where the clip does not determine them. The force's size has none, and of a body that does not move it
-would go to zero: it stops where the clip no longer tells it from zero (`_resolved`).
+(MacKay 1992, "Bayesian interpolation"; Rasmussen and Williams 2006, section 5.4.1). Weak hyperpriors keep the hyperparameters finite
+where the clip does not determine them. The size of the force has no hyperprior, and for a body that does not move it would go to zero; it
+is kept large enough for the clip to distinguish it from zero (`_resolved`).
 """
 
 from __future__ import annotations
@@ -44,14 +44,14 @@ ROUNDING = 1e-11
 LOG_LIMIT = 30.0
 """Largest absolute logarithm of a hyperparameter that the line search may try."""
 COARSE_STRIDE = 3
-"""Every so many of the mismatch factors are tried first, then those near the best."""
+"""Only every n-th of the mismatch factors is tried first, then those near the best."""
 PARALLEL_FROM = 250
 """Number of data directions above which torch uses all cores; below, starting the threads costs more than it saves."""
 INFORMATIVE = 1e-4
-"""Directions of the whitened data to which the prior gives less variance than this, relative to the noise, are left out."""
+"""Directions of the whitened data in which the prior variance is less than this, relative to the noise, are left out."""
 UNTOLD = 1.0
-"""Nats of evidence that a force of the size learnt loses against none where a clip shows none, at least: a smaller one it could not tell
-from none, so it is no reason to say that the force is known better."""
+"""Where a clip shows no force, a force of the learnt size must lose at least this much evidence against none [nats]: the clip could not
+distinguish a smaller one from none, and so does not justify a smaller uncertainty."""
 SMALLEST = 1e-12
 """Added to the diagonal of J'J, relative to its largest entry, as J'J is singular where the data do not separate unknowns."""
 
@@ -62,11 +62,11 @@ def maximise_evidence(
     """The hyperparameters of greatest evidence, by L-BFGS.
 
     Args:
-        prior: the starting point. Its stretch penalty is ignored: it would shrink the sizes, and smaller sizes would strengthen it.
+        prior: the starting point. Its stretch penalty is ignored: it would shrink the force's size, and a smaller size would strengthen it.
         normal: (n, n) J'J of the whitened residuals.
         pull: (n,) J'(J theta - r) at the linearisation point theta.
         component: (3, 3) expected shape of the covariance of the force's components; None for isotropic.
-        check: called at every evaluation; may raise to cancel.
+        check: called at each evaluation; raises to cancel.
     """
     size = len(normal) - len(prior.velocity)
     R, z = _informative_directions(prior, normal, pull)
@@ -83,13 +83,13 @@ def maximise_evidence(
     )
 
     def of_field(factor: torch.Tensor, sizes: tuple[torch.Tensor, ...]) -> torch.Tensor:
-        """(k, k) what the field adds to the covariance of z."""
+        """(k, k) contribution of the field to the covariance of z."""
         correlation = prior.places.correlation(*sizes)
         turned = (by_component @ (root @ factor)).unbind(dim=2)
         return reduce(torch.add, (part @ correlation @ part.T for part in turned))
 
     def objective() -> torch.Tensor:
-        """Penalty minus the logarithm of the evidence, with its derivative."""
+        """Penalty minus log evidence; also computes the derivative."""
         check()
         optimiser.zero_grad()
         value = _penalty(parameters) - log_evidence(of_field(*_unpack(parameters)) + velocity, z)
@@ -106,10 +106,10 @@ def maximise_evidence(
 
 
 def _resolved(field: np.ndarray, velocity: np.ndarray) -> float:
-    """Factor >= 1 on the variance of a field with which the clip tells it from none.
+    """Factor >= 1 on the variance of the field, so that the clip can distinguish a field of this size from none.
 
     Args:
-        field, velocity: (k, k) what the field and the initial velocity add to the covariance of z, noise being 1.
+        field, velocity: (k, k) contributions of the field and of the initial velocity to the covariance of z, in units of the noise.
     """
     size, axes = eigh(velocity)  # the largest is far beyond the noise, so rounding may make the smallest negative
     axes /= np.sqrt(1.0 + np.maximum(size, 0.0))
@@ -120,13 +120,13 @@ def _resolved(field: np.ndarray, velocity: np.ndarray) -> float:
     def short(log_factor: float) -> float:
         return UNTOLD - 0.5 * float(np.log1p(math.exp(log_factor) * shown).sum())
 
-    # With this factor, the direction that shows most would do alone.
+    # With this factor, the most visible direction would be enough by itself.
     most = math.log(math.expm1(2.0 * UNTOLD) / shown.max())
     return math.exp(brentq(short, 0.0, most)) if most > 0.0 and short(0.0) > 0.0 else 1.0
 
 
 def _informative_directions(prior: Prior, normal: np.ndarray, pull: np.ndarray) -> tuple[torch.Tensor, torch.Tensor]:
-    """R (k, n) and z (k,), restricted to the directions in which the prior is not small against the noise."""
+    """R (k, n) and z (k,), restricted to the directions in which the prior variance is not small compared with the noise."""
     floor = SMALLEST * float(normal.diagonal().max())
     root = torch.linalg.cholesky(torch.from_numpy(normal + floor * np.eye(len(normal))))
     z = torch.linalg.solve_triangular(root, torch.from_numpy(pull)[:, None], upper=False)[:, 0]
@@ -138,7 +138,7 @@ def _informative_directions(prior: Prior, normal: np.ndarray, pull: np.ndarray) 
 
 
 def _pack(kernel: Kernel, root: np.ndarray) -> torch.Tensor:
-    """log L, log tau, log u, log w, and of the factor A of C = root A A' root' the logarithms of its diagonal, then the rest over it."""
+    """The parameters: log L, log tau, log u, log w; then of the factor A in C = root A A' root' the log diagonal, and the rest over it."""
     factor = np.linalg.solve(root, np.linalg.cholesky(kernel.covariance))
     diagonal = np.diag(factor)
     below = (factor / diagonal)[np.tril_indices(3, -1)]
@@ -147,7 +147,7 @@ def _pack(kernel: Kernel, root: np.ndarray) -> torch.Tensor:
 
 
 def _unpack(parameters: torch.Tensor) -> tuple[torch.Tensor, tuple[torch.Tensor, ...]]:
-    """A, and L, tau, u, w."""
+    """The factor A (3, 3), and L, tau, u, w, from the parameters."""
     count = len(HYPERPRIORS)
     sizes = torch.exp(parameters[: count + 3].clamp(-LOG_LIMIT, LOG_LIMIT))
     below = torch.zeros(3, 3, dtype=parameters.dtype).index_put(tuple(torch.tril_indices(3, 3, -1)), parameters[count + 3 :])
@@ -156,7 +156,7 @@ def _unpack(parameters: torch.Tensor) -> tuple[torch.Tensor, tuple[torch.Tensor,
 
 
 def _penalty(parameters: torch.Tensor) -> torch.Tensor:
-    """Negative log hyperprior. Of C it constrains the shape, root root', but not the scale."""
+    """Negative log hyperprior. It keeps the shape of C near root root' and leaves its scale free."""
     total = torch.zeros((), dtype=parameters.dtype)
     for value, (median, spread) in zip(parameters, HYPERPRIORS.values()):
         total = total + 0.5 * ((value - math.log(median)) / spread) ** 2
@@ -165,8 +165,8 @@ def _penalty(parameters: torch.Tensor) -> torch.Tensor:
 
 
 class _LogEvidence(torch.autograd.Function):
-    """Of z (n,) under N(0, S), without the constant. Its derivative by S, (S^-1 z z' S^-1 - S^-1) / 2, costs one inverse; that of the
-    steps on the way, which automatic differentiation would take, several."""
+    """Log density of z (n,) under N(0, S), without the constant. The derivative by S is computed as (S^-1 z z' S^-1 - S^-1) / 2, at the
+    cost of one inverse; automatic differentiation of the individual steps would cost several."""
 
     @staticmethod
     def forward(context: Any, S: torch.Tensor, z: torch.Tensor) -> torch.Tensor:
@@ -183,19 +183,20 @@ class _LogEvidence(torch.autograd.Function):
 
 
 def log_evidence(covariance: torch.Tensor, z: torch.Tensor) -> torch.Tensor:
-    # A line search may try sizes so large that the unit matrix is lost in rounding.
+    """Log density of z (k,) under N(0, I + `covariance` (k, k)), without the constant; differentiable."""
+    # A line search may try variances so large that the unit matrix is lost in rounding.
     floor = 1.0 + ROUNDING * torch.diagonal(covariance).mean()
     value: torch.Tensor = _LogEvidence.apply(covariance + floor * torch.eye(len(z), dtype=z.dtype), z)
     return value
 
 
 def mismatch_scale(prior: Prior, objective: Objective, point: Linearisation, scales: Sequence[float]) -> float:
-    """The factor on the mismatch's standard deviation that has the greatest evidence.
+    """The factor on the mismatch's standard deviation with the greatest evidence.
 
     Args:
-        prior: with its hyperparameters learnt.
-        objective: that whitened the residuals of `point`.
-        scales: factors to choose from, in order.
+        prior: the prior with learnt hyperparameters.
+        objective: the objective that whitened the residuals of `point`.
+        scales: factors to choose from, in increasing order.
     """
     raw = objective.unwhitened(np.concatenate([point.jacobian, (point.jacobian.T @ point.theta - point.residual)[None]]))
     precision = prior.precision()
@@ -212,7 +213,7 @@ def mismatch_scale(prior: Prior, objective: Objective, point: Linearisation, sca
         return 0.5 * (explained - float(data @ data)) - volume
 
     best = max(range(0, len(scales), COARSE_STRIDE), key=evidence)
-    while True:  # uphill from the best of a few
+    while True:  # climb from the best of the few that were tried
         better = max((index for index in (best - 1, best, best + 1) if 0 <= index < len(scales)), key=evidence)
         if better == best:
             return scales[best]
@@ -220,7 +221,7 @@ def mismatch_scale(prior: Prior, objective: Objective, point: Linearisation, sca
 
 
 def linearised_evidence(point: Linearisation, precision: np.ndarray) -> float:
-    """Logarithm of the evidence of the data under a prior (Laplace's approximation), but for their constant and the whitening's volume."""
+    """Log evidence of the data under a prior (Laplace's approximation), without the constant and the volume of the whitening."""
     data = point.jacobian.T @ point.theta - point.residual
     pull = point.jacobian @ data
     total = cho_factor(point.normal + precision, lower=True)
@@ -229,7 +230,7 @@ def linearised_evidence(point: Linearisation, precision: np.ndarray) -> float:
 
 
 def prefer_belief(belief: Prior, other: Prior, point: Linearisation, odds: float = PRIOR.stretch_log_odds) -> Prior:
-    """`belief`, unless the evidence at `point` favours the other prior by more than the log odds `odds`."""
+    """The prior `belief`, unless the evidence at `point` favours `other` by more than the log odds `odds`."""
     pull, evidence = point.pull, []
     for prior in (belief, other):
         precision = prior.precision()

@@ -3,11 +3,12 @@
     cov(a(x, t), a(x', t')) = C  (u + w y.y' + exp(-|x - x'|² / 2 L²)) / (1 + u + w)  (c + M(|t - t'| / tau)) / (1 + c)
 
 with M the Matérn-5/2 function and y the position relative to the body's centre, in body radii: a uniform, a linear and a nonlinear part
-with variances of their own. Without the linear part, a squeeze, which has no net force, would need a large and smooth field, and so a
-large net force, which the fit would then take from the noise. x is a position in the world, not on the body: a gust has its shape in the
-air, and a body that turns or travels meets the same gust with another part of itself. A gradient measured while the body lies across it
-is therefore known when the body has turned along it, where a stiff body hides it. The unknowns of the solve are modes on the body; their
-covariance is this one, evaluated along a nearby simulation. The hyperparameters C, L, tau, u, w are learnt from the clip (`evidence`).
+with variances of their own. Without the linear part, a squeeze, which has no net force, would require a large and smooth field and thus
+allow a large net force, which would then be fitted to the noise. x is a position in the world, not on the body: a gust has its shape in
+the air, and a body that turns or travels meets the same gust with another part of itself. A gradient that was measured while the body lay
+in one direction is therefore still known after the body has turned to a direction in which its stiffness hides the gradient. The unknowns
+of the solve are modes on the body; their covariance is this one, evaluated along a nearby simulation. The hyperparameters C, L, tau, u, w
+are learnt from the clip (`evidence`).
 """
 
 from __future__ import annotations
@@ -25,12 +26,12 @@ from .stretch import stretch_precision, stretch_rows
 
 SAMPLES_PER_MODE = 3
 JITTER = 1e-8
-"""Variance added to every mode, relative to the mean one, so that the inverse exists."""
+"""Variance that is added to each mode, relative to the mean variance, so that the inverse exists."""
 
 
 @dataclass(frozen=True)
 class Kernel:
-    """The hyperparameters."""
+    """The hyperparameters of the prior."""
 
     covariance: np.ndarray
     """C (3, 3) [m²/s⁴]."""
@@ -49,17 +50,17 @@ class Places:
     """World positions of sample particles at each knot, from which the covariance of the modes follows."""
 
     project: np.ndarray
-    """(M, S): values at sample particles -> modes."""
+    """(M, S) matrix from values at the sample particles to modes."""
     squared: np.ndarray
-    """(K, S, K, S) squared distances over the body's radius squared."""
+    """(K, S, K, S) squared distances [squared body radii]."""
     aligned: np.ndarray
-    """(K, S, K, S) y.y', products of places as seen from the body's centre at their time, over the body's radius squared."""
+    """(K, S, K, S) products y.y' of positions relative to the body's centre at their time [squared body radii]."""
     at: np.ndarray
     """(K,) times of the knots [frames]."""
 
     @staticmethod
     def along(basis: SpatialBasis, path: np.ndarray, at: np.ndarray) -> Places:
-        """From the particles' path (T+1, N, 3) [m] in a simulation near the truth, with knots at the times `at` (K,) [frames]."""
+        """The places on the particles' path (T+1, N, 3) [m] in a simulation near the truth, at the knots' times `at` (K,) [frames]."""
         count = min(len(basis.phi), max(40, SAMPLES_PER_MODE * basis.phi.shape[1]))
         some = farthest_points(path[0], count)
         x = path[np.minimum(np.rint(at).astype(int), len(path) - 1)] / basis.radius
@@ -70,12 +71,12 @@ class Places:
         return Places(np.linalg.pinv(basis.phi[some]), squared.reshape(shape), (y @ y.T).reshape(shape), at)
 
     def covariance(self, kernel: Kernel) -> np.ndarray:
-        """(K M, K M) correlation of the modes at the knots; the components' covariance C is apart."""
+        """Covariance (K M, K M) of the modes at the knots, for one component of unit variance; C is not included."""
         sizes = (torch.tensor(size, dtype=torch.float64) for size in (kernel.length, kernel.duration, kernel.uniform, kernel.slope))
         return self.correlation(*sizes).numpy()
 
     def correlation(self, length: torch.Tensor, duration: torch.Tensor, uniform: torch.Tensor, slope: torch.Tensor) -> torch.Tensor:
-        """`covariance`, differentiable in the sizes."""
+        """`covariance`, differentiable by the hyperparameters."""
         project, modes = torch.from_numpy(self.project), len(self.at) * len(self.project)
         bending = torch.exp(-0.5 * torch.from_numpy(self.squared) / length**2)
         in_space = (uniform + slope * torch.from_numpy(self.aligned) + bending) / (1.0 + uniform + slope)
@@ -91,7 +92,7 @@ def over_time(at: np.ndarray, duration: torch.Tensor) -> torch.Tensor:
 
 
 def steady_part(force: np.ndarray, at: np.ndarray, duration: float) -> np.ndarray:
-    """What a force (T, 3) at the times `at` (T,) [frames] tells of its part that is constant in time: its mean under the prior."""
+    """Posterior mean (3,) of the part of a force (T, 3) that is constant in time, under the prior; at: (T,) times of the force [frames]."""
     if not len(at):
         return np.zeros(force.shape[1])
     together = over_time(at, torch.tensor(duration, dtype=torch.float64)).numpy() + JITTER * np.eye(len(at))
@@ -106,9 +107,9 @@ class Prior:
     kernel: Kernel
     places: Places
     velocity: np.ndarray
-    """(V,) standard deviation of the initial velocities [m/s]."""
+    """(V,) standard deviations of the initial velocities [m/s]."""
     stretch: np.ndarray | None = None
-    """(knots modes 3,) squared: precision against fields that only stretch the body, see `stretch`; None believes nothing of them."""
+    """(n, n), n = knots modes 3: precision that penalises fields which only stretch the body, see `stretch`; None for no penalty."""
 
     @property
     def count(self) -> int:
@@ -116,13 +117,13 @@ class Prior:
         return 3 * len(self.places.at) * len(self.places.project) + len(self.velocity)
 
     def deviation(self) -> np.ndarray:
-        """(n,) standard deviations of the unknowns, leaving `stretch` out."""
+        """(n,) standard deviations of all unknowns, without the effect of `stretch`."""
         modes = np.diag(self.places.covariance(self.kernel))
         field = np.sqrt(np.outer(modes, np.diag(self.kernel.covariance)))
         return np.concatenate([field.ravel(), self.velocity])
 
     def precision(self) -> np.ndarray:
-        """Inverse covariance of all unknowns, (n, n)."""
+        """(n, n) inverse covariance of all unknowns."""
         field = np.kron(np.linalg.inv(self.places.covariance(self.kernel)), np.linalg.inv(self.kernel.covariance))
         if self.stretch is not None:
             field = field + self.stretch
@@ -134,9 +135,9 @@ class Prior:
     def with_stretch_penalty(
         self, basis: SpatialBasis, x: np.ndarray, F: np.ndarray, share: float, volume_only: bool = False
     ) -> Prior:
-        """The same beliefs, and that the field turns a body x (N, 3) deformed by F (T+1, N, 3, 3) rather than stretches it.
+        """The same prior with a penalty on stretching a body with rest positions x (N, 3) [m] and deformation gradients F (T+1, N, 3, 3).
 
-        `volume_only`: or at least that it does not swell it.
+        share: standard deviation that the stretch keeps, relative to that without the penalty; volume_only: only changes of volume.
         """
         rows = stretch_rows(basis, x, F, self.places.at, volume_only)
         count = len(self.places.at)
@@ -148,8 +149,8 @@ class Prior:
 
 
 def knots_for_variance(kernel: Kernel, basis: SpatialBasis, path: np.ndarray, most: float, share: float) -> float:
-    """Frames between knots: `most`, or half of it as often as it takes until straight lines between them miss at most `share` of the
-    variance that the modes of a body on this path (T+1, N, 3) [m] have. What turns or travels fast feels a steady field change fast."""
+    """Frames between knots: `most`, halved until straight lines between knots miss at most `share` of the variance that the modes have on
+    a body with this path (T+1, N, 3) [m]. A body that turns or travels fast feels quick changes even in a steady field."""
     count, modes, spacing = len(path), basis.phi.shape[1], most
     together = Places.along(basis, path, np.arange(count)).covariance(kernel).reshape(count, modes, count, modes)
     variance = np.einsum("kmlm->kl", together)
@@ -165,7 +166,7 @@ def knots_for_variance(kernel: Kernel, basis: SpatialBasis, path: np.ndarray, mo
 
 
 def modes_for_variance(kernel: Kernel, basis: SpatialBasis, x: np.ndarray, share: float) -> int:
-    """How many of the first modes hold all but `share` of the variance that the field has over the body x (N, 3) [m]."""
+    """How many of the first modes contain all but `share` of the field's variance over the body x (N, 3) [m]."""
     variance = np.diag(Places.along(basis, np.stack([x, x]), np.zeros(1)).covariance(kernel))[: basis.phi.shape[1]]
     beyond = variance.sum() - np.cumsum(variance)
     return int(np.argmax(beyond <= share * variance.sum())) + 1

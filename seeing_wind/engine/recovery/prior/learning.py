@@ -1,4 +1,4 @@
-"""The prior of one block, and what is learnt from the clip: hyperparameters, the stretch penalty, the solver's mismatch."""
+"""The prior of one block, and what the clip determines of it: hyperparameters, the stretch penalty, the solver's mismatch."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from .evidence import maximise_evidence, mismatch_scale, prefer_belief
 from .kernel import Kernel, Places, Prior
 
 MISMATCH_SCALES = tuple(2.0**power for power in range(-9, 4))
-"""Factors on the mismatch of 3D points among which the evidence chooses."""
+"""Candidate factors on the mismatch of 3D points; the evidence chooses."""
 
 
 @dataclass(frozen=True)
@@ -32,9 +32,9 @@ class Expected:
     size: float
     """Root mean square acceleration of the field [m/s²]."""
     speed: np.ndarray
-    """(V,) standard deviations of the initial velocities [m/s]."""
+    """(V,) prior standard deviations of the initial velocities [m/s]."""
     component: np.ndarray
-    """(3, 3) starting covariance of the force's components, trace at most 3."""
+    """(3, 3) initial shape of the covariance of the force's components, with a trace of at most 3."""
 
 
 def one_camera(objective: Objective) -> bool:
@@ -43,7 +43,7 @@ def one_camera(objective: Objective) -> bool:
 
 
 def prior_along(kernel: Kernel, forward: Forward, path: Trajectory, expected: Expected, objective: Objective) -> Prior:
-    """The prior with these hyperparameters along a simulation, with the stretch penalty that its targets need."""
+    """The prior with these hyperparameters along a simulated `path`, with the stretch penalty that the targets need."""
     prior = Prior(kernel, Places.along(forward.basis, path.x, forward.knots.at), expected.speed[: len(forward.velocity)])
     plastic = forward.model.plastic
     if plastic and any(isinstance(one, TrackChannels) for one in objective.channels):
@@ -56,9 +56,10 @@ def prior_along(kernel: Kernel, forward: Forward, path: Trajectory, expected: Ex
 def learn_kernel(
     prior: Prior, normal: np.ndarray, pull: np.ndarray, expected: Expected, check: Callable[[], None], journal: Journal
 ) -> Kernel:
-    """The kernel of greatest evidence. A body seen as one point keeps the present one: its data cannot determine a size in space.
+    """The kernel of greatest evidence.
 
-    So does a block in which the air is still throughout: nothing in it hangs on a force.
+    The present kernel stays for a body that is seen as one point, whose data cannot determine a length in space, and for a block in which
+    the air is still throughout, whose data do not depend on the force.
     """
     if len(prior.places.project) == 1 or not normal.any():
         return prior.kernel
@@ -74,10 +75,10 @@ def learn_hyperparameters(
     check: Callable[[], None],
     journal: Journal,
 ) -> tuple[Prior, Linearisation, Objective]:
-    """Learn the prior's hyperparameters and the solver's mismatch, and whiten the linearisation anew.
+    """Learn the prior's hyperparameters and the size of the solver's mismatch.
 
     Returns:
-        the prior, the linearisation, and the objective with the mismatch learnt.
+        The prior, the linearisation whitened with the learnt mismatch, and the objective with it.
     """
     point = solution.point
     path = forward.trajectory(solution.theta)
@@ -95,9 +96,9 @@ def learn_hyperparameters(
 def _mismatch_factor(prior: Prior, forward: Forward, solution: Solution, objective: Objective) -> float | None:
     """Factor on the assumed mismatch; None to keep it.
 
-    The mismatch of tracks is set beforehand and raised only if the solution misses them clearly: they all lie on one slightly wrong body,
-    so their residuals are not independent samples of it. With 3D points on a held body it cannot be learnt: the clamp's mismatch looks
-    like a force.
+    The mismatch of tracks is assumed beforehand and raised only if the solution clearly misses them: all tracks lie on the same slightly
+    wrong body, so their residuals are not independent samples of the mismatch. With 3D points on a held body the mismatch cannot be
+    learnt, as that of the clamp looks like a force.
     """
     if all(isinstance(one, PointChannels) for one in objective.channels):
         if forward.model.pinned.any():
@@ -108,14 +109,14 @@ def _mismatch_factor(prior: Prior, forward: Forward, solution: Solution, objecti
 
 
 def track_misfit(objective: Objective, modes: np.ndarray, white: np.ndarray) -> float:
-    """Distance of a simulation from the tracks, projected on the modes [standard deviations, root mean square]; 0 without tracks.
+    """Root mean square misfit of a simulation to the tracks, projected on the modes [standard deviations]; 0 without tracks.
 
     A mismatch of the body moves many tracks together, while noise is independent. So the residuals are projected on the body's modes, and
     the noise expected in the projection is subtracted.
 
     Args:
-        objective: that whitened the residuals.
-        modes: (N, M) on the particles.
+        objective: the objective that whitened the residuals.
+        modes: (N, M) values of the modes at the particles.
         white: (channels (T+1),) whitened residuals.
     """
     series = white.reshape(objective.used.shape[1], -1)
@@ -136,7 +137,7 @@ def track_misfit(objective: Objective, modes: np.ndarray, white: np.ndarray) -> 
 
 
 def _with_stretch_belief(prior: Prior, forward: Forward, path: Trajectory, point: Linearisation, objective: Objective) -> Prior:
-    """The prior with a stretch penalty, unless the evidence rejects it. Under one camera `prior_along` has set it already."""
+    """The prior with a stretch penalty, unless the evidence rejects it. Under one camera, `prior_along` has already added the penalty."""
     if one_camera(objective) or forward.basis.phi.shape[1] == 1:
         return prior
     belief = prior.with_stretch_penalty(forward.basis, forward.x, path.F, PRIOR.loose_stretch)
@@ -144,9 +145,9 @@ def _with_stretch_belief(prior: Prior, forward: Forward, path: Trajectory, point
 
 
 def noise_share(objective: Objective) -> float:
-    """Noise over noise plus mismatch of 3D points, 0..1; 1 for tracks.
+    """Variance of the noise of 3D points, relative to noise plus mismatch, 0..1; 1 for tracks.
 
-    Noise looks like stretch, which is why stretch is penalised. Points without noise do not need the penalty.
+    Noise looks like stretch, and therefore stretch is penalised. Points without noise do not need the penalty.
     """
     shares = [1.0]
     if all(isinstance(one, PointChannels) for one in objective.channels):

@@ -1,10 +1,10 @@
 """A penalty on forces that only stretch the body.
 
-The gradient of a field has an antisymmetric part, which turns a body, and a symmetric part, which stretches it. A stiff body answers a
-stretching force with less than a tracking error, and in one camera a body that grew looks like one that came nearer, and one that shrank
-to one side like one that tilted. Unconstrained, such forces would fit every small mismatch. So under a single camera the symmetric
-gradient keeps only a fraction of its prior variance. The same holds, more weakly, for noisy 3D points and several views, unless the
-evidence rejects it (`evidence.prefer_belief`), as in a field whose waves are shorter than the body.
+The gradient of a field has an antisymmetric part, which turns a body, and a symmetric part, which stretches it. A stiff body responds to a
+stretching force by less than the tracking error, and to a single camera a body that grows looks like one that comes nearer, and one that
+shrinks towards one side like one that tilts. Unconstrained, such forces would fit every small mismatch. Under a single camera the symmetric
+gradient therefore keeps only a fraction of its prior variance. The same holds, more weakly, for noisy 3D points and several views, unless
+the evidence rejects it (`evidence.prefer_belief`), as with a field whose waves are shorter than the body.
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ from .constants import PRIOR
 
 
 def stretch_rows(basis: SpatialBasis, x: np.ndarray, F: np.ndarray, at: np.ndarray, volume_only: bool = False) -> np.ndarray:
-    """How the coefficients of each knot stretch the body as it lies at that time.
+    """Rows that give the stretch of the body by the coefficients of each knot, in the body's attitude at that time.
 
-    Along the axes on which the body reaches far: a plate's two, a post's one. A force across a plate that grows along it only tilts and
-    bends it.
+    Only axes along which the body is long count: two of a plate, one of a post. A force across a plate that varies along it only tilts and
+    bends the plate.
 
     Args:
         basis: modes and their rest gradients (N, modes, 3) [1/m].
         x: (N, 3) rest positions [m].
         F: (T+1, N, 3, 3) deformation gradients of a nearby simulation; they turn the body's axes.
-        at: (knots,) their times [frames].
-        volume_only: only the part that would change the body's volume, the gradient's trace.
+        at: (knots,) times of the knots [frames].
+        volume_only: only the trace of the gradient, which would change the body's volume.
 
     Returns:
         (knots, M, modes, 3): row (k, m) dotted with the coefficients of knot k is the mean over the particles of a smooth function times
@@ -52,7 +52,7 @@ def stretch_rows(basis: SpatialBasis, x: np.ndarray, F: np.ndarray, at: np.ndarr
 
 
 def stretch_precision(rows: np.ndarray, time: np.ndarray, space: np.ndarray, component: np.ndarray, share: float) -> np.ndarray:
-    """What to add to the prior's precision so that the stretch keeps about `share` of its standard deviation.
+    """The term to add to the prior's precision so that the stretch keeps about `share` of its standard deviation.
 
     Args:
         rows: (knots, M, modes, 3) from `stretch_rows`.
@@ -61,7 +61,7 @@ def stretch_precision(rows: np.ndarray, time: np.ndarray, space: np.ndarray, com
         component: (3, 3) covariance of the force's components [m²/s⁴].
 
     Returns:
-        (knots modes 3,) squared.
+        (n, n) with n = knots modes 3.
     """
     implied = np.einsum("kmpi,kpq,ij,kmqj->m", rows, space, component, rows, optimize=True) / len(rows)
     weight = stretch_weights(implied, share)
@@ -72,6 +72,6 @@ def stretch_precision(rows: np.ndarray, time: np.ndarray, space: np.ndarray, com
 
 
 def stretch_weights(implied: np.ndarray, share: float) -> np.ndarray:
-    """Weights of rows (M,) whose variance the prior implies to be `implied`; none for rows that are zero but for rounding."""
+    """Weights (M,) of rows that have the variance `implied` (M,) under the prior; 0 for rows that are zero but for rounding."""
     real = implied > 1e-9 * implied.max(initial=0.0)
     return np.where(real, (share**-2 - 1.0) / np.where(real, implied, 1.0), 0.0)

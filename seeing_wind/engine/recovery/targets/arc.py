@@ -1,7 +1,7 @@
-"""Where a bent body's points lie along it: by the length of the body up to them, which bending leaves as it is.
+"""Where the points of a bent body lie along it, as arc lengths, which bending does not change.
 
-A force along a held body stretches it by a hundredth of what one across it bends it. Along a fixed axis, that drowns in the shortening by
-bending and in whatever is wrong with the bending. Along the body's own curve neither is seen.
+A force along a held body stretches it a hundred times less than the same force across the body bends it. Measured along a fixed axis, the
+stretch is hidden by the shortening due to bending, and by errors of the bending. Measured along the body's own curve, it is free of both.
 """
 
 from __future__ import annotations
@@ -13,20 +13,22 @@ from .constants import NOISE
 
 
 def along_the_curve(x: np.ndarray, axis: np.ndarray, spacing: float, inverse: np.ndarray) -> np.ndarray | None:
-    """Places along a body as linear functions of where its points are, near where they were seen.
+    """Arc lengths along a body as linear functions of its points' positions, valid near the observed positions.
 
-    The centres of slices across the body are joined to a curve. A point lies as far along it as its place in the slices says, and a
-    little before or after where it is off their centres in the direction of the curve. This is linear in the points, as the directions
-    are those of the observed curve, smoothed: a small error of the bending changes it in second order only, and noise does not turn the
-    curve from slice to slice. What noise turns is longer when it is measured along itself than along another such curve, and that would
-    look like a stretch.
+    The centres of slices across the body are joined to a curve. A point's arc length follows from its place among the slices at rest, plus
+    its offset from their centres in the direction of the curve. This is linear in the points because the directions are those of the
+    observed curve, smoothed: a small error of the bending changes the arc length in second order only, and noise does not turn the curve
+    from slice to slice. A curve with noisy directions is longer measured along itself than along another such curve, and the difference
+    would look like a stretch.
 
     Args:
-        x: (T+1, K, 3) points as observed [m]; axis: (3,) from what is held to what is not; spacing: of the particles [m].
-        inverse: (M, K), amplitudes of M modes from values at the points.
+        x: (T+1, K, 3) points as observed [m].
+        axis: (3,) direction from the pinned part to the free part.
+        spacing: spacing of the particles [m].
+        inverse: (M, K) matrix from values at the points to amplitudes of M modes.
 
     Returns:
-        (T+1, M, K, 3): the modes' amplitudes in frame t are the sum of [t] times the points; None for a body of too few slices.
+        (T+1, M, K, 3): entry t times the points (K, 3), summed, gives the modes' amplitudes in frame t. None if there are too few slices.
     """
     height = x[0] @ axis
     low, high = float(height.min()), float(height.max())
@@ -44,7 +46,7 @@ def along_the_curve(x: np.ndarray, axis: np.ndarray, spacing: float, inverse: np
     steps /= np.linalg.norm(steps, axis=2, keepdims=True)
     tangents = np.concatenate([steps[:, :1], steps[:, :-1] + steps[:, 1:], steps[:, -1:]], axis=1)
     own = blend @ (tangents / np.linalg.norm(tangents, axis=2, keepdims=True))  # (T+1, K, 3)
-    # The curve begins at the first centre, as far along the axis as that is, and a point has so much of each step before it.
+    # The curve begins at the first centre, at that centre's place along the axis; a point's arc length is the sum of the steps before it.
     first = inverse.sum(axis=1)[:, None] * mean[0]
     before, apart = inverse @ blend @ np.tri(count, count - 1, -1), np.diff(mean, axis=0)
     aside = np.eye(len(height)) - blend @ mean

@@ -1,7 +1,7 @@
-"""What both kinds of target have in common: points of the body as time series that the simulation must follow.
+"""Helpers for both kinds of target; either becomes channels, time series that the simulation must follow:
 
     points in 3D   a few smooth modes of the displacement (`point_channels`);
-    tracks in 2D   projection(W x(t)) - p(t), two channels a track (`track_channels`).
+    tracks in 2D   projection(W x(t)) - p(t), two channels per track (`track_channels`).
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from .constants import NOISE
 def noise_of(series: np.ndarray) -> float:
     """Standard deviation of the noise in smooth series (frames, ...), from differences of order 3 to 7 in time.
 
-    Each order bounds the noise from above (what is left of the motion adds to it), so the smallest counts; but the smallest of several
-    uncertain figures is too small (7 % with 16 frames), so the lowest order that is about as small does. Zero for fewer than eight
-    frames: there, motion and noise cannot be told apart.
+    Each order gives an upper bound of the noise (the rest of the motion adds to it), so the smallest would be best. But the minimum of
+    several uncertain bounds is biased (7 % too small with 16 frames), so the lowest order with about the smallest bound is used. Zero for
+    fewer than eight frames, in which motion and noise cannot be separated.
     """
     if len(series) < 8:
         return 0.0
@@ -31,7 +31,7 @@ def noise_of(series: np.ndarray) -> float:
 
 
 def second_derivative(series: np.ndarray, fps: float) -> np.ndarray:
-    """Accelerations of series (frames, n) from parabolas through seven frames in a row (or all, if fewer), (T-5, n)."""
+    """Accelerations (frames - 6, n) of series (frames, n), from parabolas fitted to seven consecutive frames (or to all, if fewer)."""
     if len(series) < 3:
         return np.zeros((1, series.shape[1]))
     width = min(7, len(series))
@@ -41,7 +41,7 @@ def second_derivative(series: np.ndarray, fps: float) -> np.ndarray:
 
 
 def first_speed(series: np.ndarray, fps: float) -> float:
-    """Root mean square speed [m/s] at the first frame of series (frames, points, coordinates) [m], by a parabola through six frames."""
+    """Root mean square speed [m/s] at the first frame of series (frames, points, coordinates) [m], from a parabola fitted to six frames."""
     first = series[: min(6, len(series))]
     flat = first.reshape(len(first), -1)
     slope = np.polyfit(np.arange(len(first)) / fps, flat, min(2, len(first) - 1))[-2]
@@ -49,10 +49,10 @@ def first_speed(series: np.ndarray, fps: float) -> float:
 
 
 def views_of(targets: PointTargets | Sequence[TrackTargets]) -> list[PointTargets | TrackTargets]:
-    """The targets one by one.
+    """The targets as a list with one entry per view.
 
     Raises:
-        UsageError: they are not over the same frames. ObjectError: none is seen after the first.
+        UsageError: if they do not have the same number of frames. ObjectError: if nothing is seen after the first frame.
     """
     views: list[PointTargets | TrackTargets] = [targets] if isinstance(targets, PointTargets) else list(targets)
     if len({len(one.visible) for one in views}) != 1:
@@ -63,7 +63,7 @@ def views_of(targets: PointTargets | Sequence[TrackTargets]) -> list[PointTarget
 
 
 def check_free(pinned: np.ndarray, views: Sequence[PointTargets | TrackTargets]) -> None:
-    """Refuse targets of which only those on held particles, pinned (N,) bool, are seen after the first frame."""
+    """Raise ObjectError if, after the first frame, only targets on pinned particles are seen; pinned: (N,) bool."""
     for one in views:
         if one.visible[1:, one.attachment.matrix(len(pinned)) @ pinned <= NOISE.clamp_rides].any():
             return
@@ -74,7 +74,12 @@ def check_free(pinned: np.ndarray, views: Sequence[PointTargets | TrackTargets])
 
 
 def check(values: np.ndarray, visible: np.ndarray, width: int, attachment: Attachment, particles: int) -> None:
-    """Refuse targets that cannot be right, with the reason."""
+    """Raise UsageError or ObjectError, with the reason, for targets that cannot be right.
+
+    Args:
+        values: (T+1, K, width) positions [m or px]; visible: (T+1, K) bool.
+        particles: number of particles to which targets may be attached.
+    """
     if visible.ndim != 2 or values.shape != (*visible.shape, width) or len(attachment.index) != visible.shape[1]:
         raise UsageError(
             f"Targets {values.shape}, visible {visible.shape} and attachment {attachment.index.shape} do not belong together.",

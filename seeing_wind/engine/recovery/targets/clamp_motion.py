@@ -1,7 +1,8 @@
 """A clamp that moves: a hand that waves a flag, a branch that sways under its leaves.
 
-The points on what is held show how it moves, as a rigid body: x = c + s(t) + R(t) (y - c). The body is solved for in the clamp's own
-frame, in which the clamp stands still, and the force is carried back into the world, where a body that swings with y obeys
+The points on the pinned particles show the clamp's motion, as that of a rigid body: x = c + s(t) + R(t) (y - c). The force is solved for in
+the clamp's own frame, in which the clamp stands still, and is then transformed back to the world, where a body with the motion y(t) in the
+clamp's frame obeys
 
     f / rho = s'' + R (f' / rho + g) - g + w' x r + 2 w x R y' + w x (w x r)        r = R (y - c)
 
@@ -22,49 +23,55 @@ from .channels import check, noise_of
 from .constants import NOISE
 
 STEP = 0.25
-"""Frames to both sides over which the clamp's turn is differentiated."""
+"""Half-width of the central differences of the clamp's rotation [frames]."""
 
 
 @dataclass(frozen=True)
 class ClampMotion:
-    """The rigid motion of what is held, from frame 0 on."""
+    """The rigid motion of the clamp since frame 0."""
 
     centre: np.ndarray
     """(3,) c [m]."""
     shift: BSpline
-    """s [m] of time [frames]."""
+    """s [m] as a function of time [frames]."""
     turn: BSpline
-    """Rotation vector of R [rad] of time [frames]."""
+    """Rotation vector of R [rad] as a function of time [frames]."""
     frames: int
     """T + 1."""
     fps: float
 
     @property
     def largest(self) -> float:
-        """How far the clamp moves at most [m]."""
+        """Largest displacement of the clamp over the frames [m]."""
         return float(np.linalg.norm(self.shift(np.arange(self.frames)), axis=1).max())
 
     @property
     def widest(self) -> float:
-        """How far it turns at most [degrees]."""
+        """Largest rotation of the clamp over the frames [degrees]."""
         return float(np.degrees(np.linalg.norm(self.turn(np.arange(self.frames)), axis=1).max()))
 
     def in_clamp_frame(self, targets: PointTargets) -> PointTargets:
-        """The points as seen from the clamp. Their covariance is taken as it is: it is the mean over the clip."""
+        """The points in the clamp's frame. Their covariance is left as it is, as it is a mean over the clip."""
         shift, turn = self._at(np.arange(self.frames))
         return replace(targets, x=np.einsum("tji,tkj->tki", turn, targets.x - self.centre - shift[:, None]) + self.centre)
 
     def gravity(self, particles: Particles, gravity: np.ndarray) -> np.ndarray:
-        """(T, N, 3) [m/s²] what particles at rest feel in the clamp's frame, by frame; gravity (3,) in the world.
+        """Effective gravity (T, N, 3) [m/s²] on particles at rest in the clamp's frame, with inertial forces; gravity: (3,) in the world.
 
-        Solved with it, a force that is not seen is taken for none in the world, not for one that keeps up with the clamp.
+        With it in the solve, a force that the clip does not show comes out as zero in the world, not as one that keeps up with the clamp.
         """
         turn = self._at(self._middle)[1]
         r = np.einsum("tij,nj->tni", turn, particles.x - self.centre)
         return np.einsum("tji,tnj->tni", turn, gravity - self._carries(r))
 
-    def carried(self, recovery: Recovery, density: float, gravity: np.ndarray, felt: np.ndarray) -> Recovery:
-        """What was found in the clamp's frame, in the world: gravity (3,) [m/s²], where it was solved with `felt` (T, N, 3)."""
+    def to_world(self, recovery: Recovery, density: float, gravity: np.ndarray, felt: np.ndarray) -> Recovery:
+        """A recovery in the clamp's frame, transformed to the world.
+
+        Args:
+            density: density of the body [kg/m³].
+            gravity: (3,) gravity in the world [m/s²].
+            felt: (T, N, 3) effective gravity that the solve used [m/s²], see `gravity`.
+        """
         frames = np.arange(self.frames)
         shift, turn = self._at(frames)
         moved = np.einsum("tij,tnj->tni", turn, recovery.x - self.centre)
@@ -87,7 +94,7 @@ class ClampMotion:
         return self._carries(r) + swung + np.einsum("tij,tnj->tni", turn, found) - gravity
 
     def _carries(self, r: np.ndarray) -> np.ndarray:
-        """(T, N, 3) acceleration [m/s²] of places r (T, N, 3) from the centre that go with the clamp, at the middle of each frame."""
+        """Acceleration (T, N, 3) [m/s²] in the middle of each interval of places that move with the clamp, r (T, N, 3) [m] from c."""
         spin = self._spin(self._middle)[:, None]
         faster = self.fps * ((self._spin(self._middle + STEP) - self._spin(self._middle - STEP)) / (2.0 * STEP))[:, None]
         return self.fps**2 * self.shift(self._middle, 2)[:, None] + np.cross(faster, r) + np.cross(spin, np.cross(spin, r))
@@ -98,23 +105,23 @@ class ClampMotion:
         return np.arange(self.frames - 1) + 0.5
 
     def _at(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """s (n, 3) and R (n, 3, 3) at times (n,)."""
+        """s (n, 3) [m] and R (n, 3, 3) at times (n,) [frames]."""
         return self.shift(time), Rotation.from_rotvec(self.turn(time)).as_matrix()
 
     def _spin(self, time: np.ndarray) -> np.ndarray:
-        """(n, 3) angular velocity [rad/s] at times (n,)."""
+        """Angular velocity (n, 3) [rad/s] at times (n,) [frames]."""
         after, before = (Rotation.from_rotvec(self.turn(time + step)) for step in (STEP, -STEP))
         return self.fps / (2.0 * STEP) * (after * before.inv()).as_rotvec()
 
 
 def clamp_motion(particles: Particles, targets: PointTargets, fps: float) -> ClampMotion | None:
-    """How what is held moves; None where it stands still, or too little of it is seen to tell.
+    """The motion of the clamp; None if it stands still, does not move as a rigid body, or too little of it is seen.
 
     Args:
-        targets: points in 3D; those on held particles show the clamp.
+        targets: points in 3D; those on pinned particles show the clamp.
 
     Raises:
-        UsageError, ObjectError: targets that cannot be right.
+        UsageError, ObjectError: for targets that cannot be right.
     """
     check(targets.x, targets.visible, 3, targets.attachment, len(particles.x))
     on = targets.attachment.matrix(len(particles.x)) @ particles.pinned.astype(float) > NOISE.clamp_rides
@@ -126,10 +133,10 @@ def clamp_motion(particles: Particles, targets: PointTargets, fps: float) -> Cla
     shift = held.mean(axis=1) - centre
     start, turned = held[0] - centre, held - centre - shift[:, None]
     if np.linalg.matrix_rank(start, tol=0.1 * np.linalg.norm(start, 2)) < 2:
-        return None  # in a row, they do not show how it turns about that row
+        return None  # points in a line do not show a rotation about that line
     turn = np.stack([Rotation.align_vectors(now, start)[0].as_rotvec() for now in turned])
     rigid = np.einsum("tij,kj->tki", Rotation.from_rotvec(turn).as_matrix(), start)
-    # Both frames that are compared have noise.
+    # Twice the noise, as both compared frames have it.
     apart = ((turned - rigid) ** 2).mean() - 2.0 * noise_of(held) ** 2
     if apart > NOISE.clamp_rigid**2 * ((shift[:, None] + rigid - start) ** 2).mean():
         return None
@@ -141,9 +148,9 @@ def clamp_motion(particles: Particles, targets: PointTargets, fps: float) -> Cla
 
 
 def _smooth(series: np.ndarray) -> BSpline | None:
-    """Smoothing spline through a series (T+1, 3) of how far something has come since frame 0, None if it stays within its noise.
+    """Smoothing spline of a series (T+1, 3) of displacements since frame 0; None if they stay within the noise.
 
-    How smooth it is, is found by generalized cross-validation (Woltring 1986, "A Fortran package for generalized, cross-validatory spline
+    Its smoothness is chosen by generalized cross-validation (Woltring 1986, "A Fortran package for generalized, cross-validatory spline
     smoothing and differentiation", written for the motion of limbs).
     """
     if not series.any():

@@ -1,7 +1,7 @@
-"""The solver's mismatch: how far the simulated body strays from the filmed one under the very force that moved it.
+"""The solver's mismatch: how far the simulated body strays from the filmed one under the true force.
 
-What is taken for mismatch is not taken for a force. It is a Gaussian process over the clip for each channel: a white part, a slow one, and
-on a held body a drift and what leaks from one direction into another.
+Residuals within the mismatch are not attributed to a force. For each channel the mismatch is a Gaussian process over the clip: a white part
+and a slow part, and for a held body also a drift, and motion that leaks from one direction into another.
 """
 
 from __future__ import annotations
@@ -15,10 +15,12 @@ from .constants import NOISE
 
 
 def mismatch_covariance(frames: int, white: float, slow: float, tau: float, variance_factor: float, from_rest: bool = False) -> np.ndarray:
-    """(frames, frames) of a white part and a slow one that is forgotten in `tau` frames.
+    """Covariance (frames, frames) of a white part and a slow part with a correlation time of `tau` frames.
 
     Args:
-        from_rest: the slow part is zero in frame 0, where the body is in the place in which it was built, and grows from there.
+        white, slow: standard deviations of the two parts.
+        variance_factor: factor on the whole covariance.
+        from_rest: the slow part is zero in frame 0, in which the body was built, and grows from there.
     """
     time = np.arange(frames)
     slowly = np.exp(-np.abs(np.subtract.outer(time, time)) / tau)
@@ -29,25 +31,26 @@ def mismatch_covariance(frames: int, white: float, slow: float, tau: float, vari
 
 @dataclass(frozen=True)
 class Lengthwise:
-    """What of a held body's motion is told along its own curve, in component 0 of its modes; mode 0 is what all that is free does."""
+    """The modes whose component 0 is measured along a held body's own curve; mode 0 is the common motion of all that is free."""
 
     modes: np.ndarray
-    """(modes,) bool: those that vary along the body only."""
+    """(modes,) bool: modes that vary along the body only."""
     length: float
-    """Of what is free, along the axis [m]."""
+    """Length of the free part along the axis [m]."""
 
     @property
     def stretch(self) -> np.ndarray:
-        """(modes,) bool: those that tell how the body is stretched."""
+        """(modes,) bool: modes that show how the body is stretched."""
         return self.modes & (np.arange(len(self.modes)) > 0)
 
 
 def point_mismatch(particles: Particles, moved: np.ndarray, plastic: bool, lengthwise: Lengthwise | None = None) -> np.ndarray:
-    """(modes, 3, T+1, T+1) covariance of the mismatch of points in 3D [m²].
+    """Covariance (modes, 3, T+1, T+1) of the mismatch of points in 3D [m²].
 
     Args:
-        moved: (T+1, modes, 3) amplitudes observed, since frame 0 [m].
-        lengthwise: of a held body that has a curve of its own, see `arc`.
+        moved: (T+1, modes, 3) observed amplitudes since frame 0 [m].
+        plastic: whether the body flows.
+        lengthwise: for a held body that is measured along its own curve, see `arc`.
     """
     white, slow = (np.full(moved.shape[1:], share * particles.spacing) for share in (NOISE.white, NOISE.slow))
     drift, held = np.zeros_like(slow), bool(particles.pinned.any())
@@ -57,7 +60,7 @@ def point_mismatch(particles: Particles, moved: np.ndarray, plastic: bool, lengt
         motion, drift = NOISE.motion * size, NOISE.drift * whole
         if lengthwise is not None:
             swing, turned, stretch = whole[0, 0], ~lengthwise.modes, lengthwise.stretch
-            # A body that swings bends out of its axis by a shortening of this size, which a bending that is off gets wrong.
+            # Bending shortens a swinging body along its axis by about this much, and an error of the bending makes it wrong.
             white[stretch, 0] = np.hypot(NOISE.stretch_least * particles.spacing, NOISE.stretch * swing**2 / lengthwise.length)
             motion[:, 0] = np.hypot(NOISE.along * size[:, 0], np.where(turned, NOISE.turned * swing, 0.0))
             drift[:, 0] = np.where(turned, NOISE.drift_turned * swing, NOISE.drift_stretch * swing)
@@ -65,7 +68,7 @@ def point_mismatch(particles: Particles, moved: np.ndarray, plastic: bool, lengt
         slow = np.hypot(white, motion)
         white = NOISE.motion_white * slow
         if len(moved) >= NOISE.swift:
-            from scipy.signal import savgol_filter  # slow to import, and edits and samples need none
+            from scipy.signal import savgol_filter  # slow to import, and not needed for edits and samples
 
             swift = _sizes(moved - savgol_filter(moved, NOISE.swift, 3, axis=0), parts)
             if lengthwise is not None:
@@ -81,13 +84,13 @@ def point_mismatch(particles: Particles, moved: np.ndarray, plastic: bool, lengt
 
 
 def _integrated_walk(time: np.ndarray) -> np.ndarray:
-    """(n, n) covariance of a random walk's integral at these times (n,), of variance 1 at time 1 (Rasmussen and Williams 2006, 6.3.1)."""
+    """Covariance (n, n) of the integral of a random walk at times (n,), with variance 1 at time 1 (Rasmussen and Williams 2006, 6.3.1)."""
     early, late = np.minimum.outer(time, time), np.maximum.outer(time, time)
     return early**2 * (3.0 * late - early) / 2.0
 
 
 def _sizes(amplitudes: np.ndarray, parts: list[slice]) -> np.ndarray:
-    """(modes, 3) root mean square of amplitudes (T+1, modes, 3), over all components of the same part."""
+    """(modes, 3) root mean square of amplitudes (T+1, modes, 3), over frames and over the components of each part."""
     sizes = np.empty(amplitudes.shape[1:])
     for part in parts:
         sizes[:, part] = np.sqrt((amplitudes[..., part] ** 2).mean(axis=(0, 2)))[:, None]

@@ -1,4 +1,4 @@
-"""Points in 3D as channels: a few smooth modes of their displacement, so that noise shared by neighbours is measured, not assumed."""
+"""Points in 3D as channels: a few smooth modes of their displacement, whose noise, shared by neighbours, can be measured, not assumed."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from .constants import NOISE
 from .mismatch import Lengthwise, point_mismatch
 
 WILD_ROUNDS = 8
-"""Fits of the smooth motion without what is wild, at most."""
+"""Reweighted fits of the smooth motion, which reduce the influence of wild points."""
 
 
 @dataclass(frozen=True)
 class Curve:
-    """Places along a bent body; see `arc`."""
+    """Arc lengths along a bent body; see `arc`."""
 
     operator: np.ndarray
-    """(T+1, modes, N, 3): particles -> mode amplitudes."""
+    """(T+1, modes, N, 3) linear map from particles to mode amplitudes."""
     observed: np.ndarray
-    """(T+1, modes) [m]."""
+    """(T+1, modes) observed amplitudes [m]."""
     axis: np.ndarray
-    """(3,) at rest."""
+    """(3,) axis of the body at rest."""
     lengthwise: Lengthwise
 
 
@@ -36,30 +36,29 @@ class PointChannels:
     """Smooth displacement modes of points in 3D; channel 3 m + i is component i of mode m, in `frame`."""
 
     operator: np.ndarray
-    """(T+1, modes, N): particles -> mode amplitudes, least squares over the points seen at that frame."""
+    """(T+1, modes, N) linear map from particles to mode amplitudes, by least squares over the points seen in that frame."""
     points: np.ndarray
-    """(K, N): particles -> points."""
+    """(K, N) matrix from particles to points."""
     observed: np.ndarray
-    """(T+1, modes, 3) amplitudes of the observed points [m], in the world's axes; where too few were seen, between those of the frames
-    before and after."""
+    """(T+1, modes, 3) amplitudes of the observed points [m], in world axes; interpolated in time where too few points were seen."""
     targets: PointTargets
-    """What was observed, wild points marked as not visible."""
+    """The observations, with wild points marked as not visible."""
     wild: np.ndarray
-    """(T+1, K) bool, observed but wild."""
+    """(T+1, K) bool: observed, but wild."""
     used: np.ndarray
-    """(T+1, channels) bool: observed, and frame 0 left out (the simulation starts there)."""
+    """(T+1, channels) bool: observed, and not in frame 0, where the simulation starts."""
     sigma: np.ndarray
-    """(channels,) noise of one amplitude [m]."""
+    """(channels,) standard deviation of the noise of one amplitude [m]."""
     mismatch: np.ndarray
-    """(modes, 3, T+1, T+1) covariance of the solver's mismatch over the frames [m²], components as in `frame`."""
+    """(modes, 3, T+1, T+1) covariance of the solver's mismatch over the frames [m²], with components along `frame`."""
     inflation: np.ndarray
-    """(T+1, channels) factor >= 1 on the noise variance."""
+    """(T+1, channels) factor >= 1 on the variance of noise and mismatch."""
     turned: np.ndarray
-    """(T+1, 3, 3) how the body has turned since frame 0, as the points show it; in `frame`."""
+    """(T+1, 3, 3) rotation of the body since frame 0, as the points show it, in the axes `frame`."""
     frame: np.ndarray
-    """(3, 3) axes of the channels in its columns: those in which the points' errors are independent."""
+    """(3, 3) axes of the channels, in columns: those along which the points' errors are independent."""
     curve: Curve | None = None
-    """Of a body held at one side: component 0 is that along it."""
+    """For a body held at one side: component 0 is then measured along this curve."""
     mismatch_scale: float = 1.0
     """Factor on the mismatch's standard deviation."""
 
@@ -69,7 +68,7 @@ class PointChannels:
         return self.used.shape[1]
 
     def residual(self, x: np.ndarray, frame: int) -> np.ndarray:
-        """Particles (B, N, 3) at frame `frame` -> simulated minus observed (B, channels), 0 where not used."""
+        """Simulated minus observed amplitudes (B, channels) for particles (B, N, 3) in frame `frame`; 0 where not used."""
         amplitudes = np.tensordot(x, self.operator[frame], axes=([1], [1]))  # (B, 3, modes)
         difference = (amplitudes.transpose(0, 2, 1) - self.observed[frame]) @ self.frame
         if self.curve is not None:
@@ -77,47 +76,46 @@ class PointChannels:
         return difference.reshape(len(x), -1) * self.used[frame]
 
     def covariance(self, channel: int) -> np.ndarray:
-        """(T+1, T+1) [m²] of a channel's errors over the frames: noise, that of frame 0 included, and the solver's mismatch."""
+        """Covariance (T+1, T+1) [m²] of a channel's errors over the frames: noise, that of frame 0 included, and the solver's mismatch."""
         mode, component = divmod(channel, 3)
         marginal = np.sqrt(self.inflation[:, channel])
-        # Frame 0 is where the body was built from: its noise is in every displacement, turned with the body.
+        # The body was built from frame 0, whose noise is therefore in every displacement, turned with the body.
         first = self.turned[:, component] * self.sigma[3 * mode : 3 * mode + 3]
         mismatch = self.mismatch_scale**2 * self.mismatch[mode, component]
         noise = self.sigma[channel] ** 2 * np.eye(len(marginal))
         return (noise + mismatch) * np.outer(marginal, marginal) + first @ first.T
 
     def variances(self) -> tuple[float, float]:
-        """Of one amplitude in one frame [m²]: noise, of the middle mode, and mismatch."""
+        """Median variances of one amplitude [m²]: of the noise, and of the mismatch in frame 0."""
         mismatch = self.mismatch_scale**2 * np.median(self.mismatch[:, :, 0, 0])
         return float(np.median(self.sigma) ** 2), float(mismatch + np.finfo(float).tiny)
 
     def mismatched(self, scale: float) -> PointChannels:
-        """The same channels with `scale` times the mismatch's standard deviation that they are given at first."""
+        """The same channels with the standard deviation of the mismatch at `scale` times its initial value."""
         return replace(self, mismatch_scale=scale)
 
     def reweighted(self, residual: np.ndarray) -> PointChannels:
-        """The same channels, outliers of `residual` (T+1, channels), NaN in frames that were not solved, given the variance that makes
-        them Huber."""
+        """The same channels, with more variance (Huber) for outliers of `residual` (T+1, channels); NaN in frames that were not solved."""
         return self  # wild points were left out at the start; the smooth modes of the others have no outliers
 
     def acceleration(self, x: np.ndarray, fps: float) -> float:
-        """Root mean square acceleration [m/s²] of what was observed, and no less than errors would show of a body that stays still; `x`
-        (N, 3) is the rest state."""
+        """Root mean square observed acceleration [m/s²], at least what the errors alone would show of a body at rest; x: (N, 3) rest
+        positions [m]."""
         curvature = second_derivative(self.observed.reshape(len(self.used), -1), fps)
         return max(float(np.sqrt(np.mean(np.sum(curvature**2, axis=1)))), self._apparent_acceleration(fps))
 
     def _apparent_acceleration(self, fps: float) -> float:
-        """Root mean square acceleration [m/s²] that errors of this covariance alone would show."""
+        """Root mean square acceleration [m/s²] that the errors alone would show."""
         rows = second_derivative(np.eye(len(self.used)), fps)
         variance = [np.einsum("wt,tu,wu->w", rows, self.covariance(channel), rows, optimize=True).mean() for channel in range(self.count)]
         return float(np.sqrt(np.sum(variance)))
 
     def speed(self, x: np.ndarray, fps: float) -> float:
-        """Root mean square speed [m/s] of what was observed in the first frames, across the view."""
+        """Root mean square observed speed [m/s] at the first frame."""
         return first_speed(self.observed.reshape(len(self.used), -1, 3), fps)
 
     def distance(self, x: np.ndarray) -> np.ndarray:
-        """(T+1, K) distances of the observed points for a trajectory (T+1, N, 3), NaN where not seen."""
+        """Distances (T+1, K) [m] between simulated and observed points for a trajectory (T+1, N, 3); NaN where not seen."""
         points = np.einsum("kn,tnc->tkc", self.points, x)
         return np.where(self.targets.visible, np.linalg.norm(points - self.targets.x, axis=-1), np.nan)
 
@@ -125,9 +123,12 @@ class PointChannels:
 def point_channels(particles: Particles, targets: PointTargets, plastic: bool) -> PointChannels:
     """Channels of points in 3D.
 
+    Args:
+        plastic: whether the body flows.
+
     Raises:
-        UsageError: wrong shapes, or values that are not finite where visible.
-        ObjectError: fewer than three frames, or nothing to follow.
+        UsageError: for wrong shapes, or values that are not finite where visible.
+        ObjectError: for fewer than three frames in which something is visible.
     """
     check(targets.x, targets.visible, 3, targets.attachment, len(particles.x))
     frames, count = targets.visible.shape
@@ -143,7 +144,7 @@ def point_channels(particles: Particles, targets: PointTargets, plastic: bool) -
     operator, observed = np.zeros((frames, modes.shape[1], len(particles.x))), np.zeros((frames, modes.shape[1], 3))
     known = np.zeros((frames, modes.shape[1]), bool)
     for t, seen in enumerate(targets.visible):
-        # Where half the body is hidden, only its smoothest modes are told apart; the others would take part of their amplitudes.
+        # If half the body is hidden, only its smoothest modes can be told apart; others would take over part of their amplitudes.
         even = weight[seen, None] / np.sqrt((weight[seen] ** 2).mean()) if seen.any() else 1.0
         fitted = told_apart(even * modes[seen], NOISE.told)
         if fitted:
@@ -164,7 +165,7 @@ def point_channels(particles: Particles, targets: PointTargets, plastic: bool) -
         moved[..., 0], turned[:, 0] = curve.observed - curve.observed[0], [1.0, 0.0, 0.0]
     whole = moved[1:][_longest_run(known[1:].all(axis=1))]
     if targets.covariance is not None:
-        # A covariance of each point alone knows nothing of errors that neighbours share; what is measured does.
+        # Covariances of single points do not contain errors that neighbours share; the measured noise does.
         sigma = np.maximum(sigma, [noise_of(series) for series in whole.reshape(len(whole), len(sigma)).T])
     elif targets.sigma is None:
         sigma = np.repeat([noise_of(whole[:, m]) for m in range(modes.shape[1])], 3)
@@ -175,9 +176,9 @@ def point_channels(particles: Particles, targets: PointTargets, plastic: bool) -
 
 
 def _curve(particles: Particles, targets: PointTargets, points: np.ndarray, weight: np.ndarray, modes: int) -> Curve | None:
-    """Along the bent body, in modes of what is free, by the points that are seen in every frame.
+    """Arc lengths along the bent body, in modes of its free part, from the points that are seen in every frame.
 
-    None where these are fewer than half, and of a body that is not held at one side, or whose points have errors with a direction.
+    None if these are fewer than half of the points, if the body is not held at one side, or if the points' errors depend on direction.
     """
     axis = held_axis(particles.x, particles.pinned) if particles.pinned.any() else None
     always = targets.visible.all(axis=0)
@@ -200,7 +201,7 @@ def _curve(particles: Particles, targets: PointTargets, points: np.ndarray, weig
 
 
 def _between(observed: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """Amplitudes (T+1, modes, 3), those that are not known (T+1, modes) put between the nearest that are, in time."""
+    """Amplitudes (T+1, modes, 3), interpolated in time where they are not `known` (T+1, modes)."""
     filled, time = observed.copy(), np.arange(len(observed))
     for mode in np.flatnonzero(known.any(axis=0) & ~known.all(axis=0)):
         at = np.flatnonzero(known[:, mode])
@@ -209,15 +210,15 @@ def _between(observed: np.ndarray, known: np.ndarray) -> np.ndarray:
 
 
 def _longest_run(whole: np.ndarray) -> slice:
-    """The most frames (T,) bool in a row: differences in time across a gap would be taken for noise."""
+    """The longest run of True in frames (T,) bool: differences in time across a gap would be taken for noise."""
     return slice(*max(runs_of(whole), key=lambda run: run[1] - run[0], default=(0, 0)))
 
 
 def _weights(targets: PointTargets, count: int) -> np.ndarray:
-    """(K,) how much each point counts: less, the larger its errors are said to be.
+    """(K,) weights of the points, smaller for points with larger stated errors.
 
     Raises:
-        UsageError: a sigma or a covariance that is none.
+        UsageError: for an invalid sigma or covariance.
     """
     sigma, covariance = targets.sigma, targets.covariance
     if sigma is not None and (np.ndim(sigma) != 0 or not 0.0 <= sigma < np.inf):
@@ -230,20 +231,20 @@ def _weights(targets: PointTargets, count: int) -> np.ndarray:
     if not np.allclose(covariance, covariance.transpose(0, 2, 1), rtol=0.0, atol=slack) or not (np.linalg.eigvalsh(covariance) > 0.0).all():
         raise UsageError("A point's covariance is not symmetric and positive definite.", "Give every direction some uncertainty.")
     weight = 1.0 / np.sqrt(np.trace(covariance, axis1=1, axis2=2))
-    # Of points that hardly count, the least-squares fit would leave modes to chance.
+    # If some points hardly counted, the least-squares fit would leave modes undetermined.
     return np.maximum(weight, NOISE.least_weight * weight.max())
 
 
 def _inverse(modes: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """(M, K): displacements of points -> amplitudes of modes (K, M), least squares with weights (K,)."""
+    """Matrix (M, K) from displacements of points to amplitudes of the modes (K, M), by least squares with weights (K,)."""
     return np.linalg.pinv(weight[:, None] * modes, rcond=1e-3) * weight
 
 
 def _propagate(covariance: np.ndarray, inverse: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Errors of amplitudes = inverse (M, K) points, from the points' covariance (K, 3, 3) [m²].
+    """Errors of the amplitudes, `inverse` (M, K) times points, from the points' covariance (K, 3, 3) [m²].
 
     Returns:
-        axes (3, 3), in columns, those of the mean covariance, as of one camera's depth; deviations (3 M,) [m] along them.
+        The principal axes (3, 3) of the mean covariance, in columns (one may be a camera's view), and the deviations (3 M,) [m] along them.
     """
     frame = np.linalg.eigh(covariance.mean(axis=0))[1]
     amplitudes = np.einsum("mk,kij->mij", inverse**2, covariance)
@@ -251,9 +252,9 @@ def _propagate(covariance: np.ndarray, inverse: np.ndarray) -> tuple[np.ndarray,
 
 
 def rotations(x: np.ndarray, visible: np.ndarray) -> np.ndarray:
-    """(T+1, 3, 3) rotations that bring points x (T+1, K, 3) of frame 0 nearest to each frame (Kabsch 1976), by those seen in both.
+    """(T+1, 3, 3) rotations that bring frame 0 of points x (T+1, K, 3) nearest to each frame (Kabsch 1976), from the points seen in both.
 
-    Of fewer than three points, which show no turn, those of the frame before.
+    Fewer than three points show no rotation; that of the frame before is then kept.
     """
     turned = np.tile(np.eye(3), (len(x), 1, 1))
     for t in range(1, len(x)):
@@ -268,12 +269,12 @@ def rotations(x: np.ndarray, visible: np.ndarray) -> np.ndarray:
 
 
 def wild(targets: PointTargets, start: np.ndarray, modes: np.ndarray, spacing: float) -> np.ndarray:
-    """(T+1, K) bool: points that a smooth displacement of the others cannot explain.
+    """(T+1, K) bool: points whose displacement is not explained by a smooth displacement of the others.
 
     Args:
         start: (K, 3) the points at rest [m].
         modes: (K, M) smooth functions over them.
-        spacing: of the particles [m].
+        spacing: spacing of the particles [m].
     """
     out = np.zeros(targets.visible.shape, bool)
     for t, seen in enumerate(targets.visible):
@@ -288,7 +289,7 @@ def wild(targets: PointTargets, start: np.ndarray, modes: np.ndarray, spacing: f
 def _least_absolute(modes: np.ndarray, values: np.ndarray, smallest: float) -> np.ndarray:
     """Amplitudes (M, 3) that minimise the sum of the distances |values - modes amplitudes|, by reweighted least squares.
 
-    A least-squares fit would be dragged along by the wild points, which then hide in it.
+    Wild points would pull a least-squares fit towards themselves and so escape notice.
     """
     weight = np.ones((len(values), 1))
     for _ in range(WILD_ROUNDS):

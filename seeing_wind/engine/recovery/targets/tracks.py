@@ -1,4 +1,4 @@
-"""Tracks of one camera as channels: projection(W x(t)) - p(t), never a lifted point, as depth is what one view does not see."""
+"""Tracks of one camera as channels: projection(W x(t)) - p(t). Points are never lifted, as a single view does not show depth."""
 
 from __future__ import annotations
 
@@ -15,23 +15,24 @@ from .mismatch import mismatch_covariance
 
 @dataclass(frozen=True)
 class TrackChannels:
-    """Tracks of one camera, of the same form as `PointChannels`; channel 2 k + i is image axis i of track k."""
+    """Tracks of one camera, with the same interface as `PointChannels`; channel 2 k + i is image axis i of track k."""
 
     targets: TrackTargets
     points: np.ndarray
-    """(K, N): particles -> points."""
+    """(K, N) matrix from particles to points."""
     used: np.ndarray
+    """(T+1, channels) bool: visible, not edge-on, and not in frame 0, where the simulation starts."""
     variance_factor: float
-    """Factor on the mismatch (kappa)."""
+    """Factor on the mismatch's variance (kappa)."""
     inflation: np.ndarray
     """(T+1, channels) factor >= 1 on the variance."""
     mismatch_scale: float = 1.0
     """Factor on the mismatch's standard deviation."""
     mismatch: tuple[float, float] = (NOISE.track_white, NOISE.track_slow)
-    """White and slow part of the mismatch [px]."""
+    """Standard deviations of the white and the slow part of the mismatch [px]."""
     wild: np.ndarray | None = None
-    """(T+1,) bool: frames at the clip's ends that count little, as their tracks leave the motion of all others; None as long as nothing
-    was solved that would tell."""
+    """(T+1,) bool: frames at the clip's ends that count little, as all their tracks leave the motion of the other frames; None before the
+    first solve."""
 
     @property
     def count(self) -> int:
@@ -50,7 +51,7 @@ class TrackChannels:
         return np.where((depth > 1e-6)[..., None] | ~used, difference, 1e4).reshape(len(x), -1)
 
     def covariance(self, channel: int) -> np.ndarray:
-        """(T+1, T+1) [px²] of a channel's errors over the frames: noise, the solver's mismatch, where a late track sits."""
+        """Covariance (T+1, T+1) [px²] of a channel's errors over the frames: noise, the solver's mismatch, a late track's attachment."""
         frames, track = len(self.used), channel // 2
         sigma = np.where(self.targets.visible[:, track], self.targets.sigma[:, track], 1.0)
         total = np.diag(sigma**2) + mismatch_covariance(
@@ -62,12 +63,12 @@ class TrackChannels:
         return total * np.outer(marginal, marginal) + late
 
     def reweighted(self, residual: np.ndarray) -> TrackChannels:
-        """The same tracks, those that the raw residual (T+1, channels) [px] shows to spike or drift given more variance (Huber)."""
+        """The same tracks, with more variance (Huber) for those that spike or drift in the raw residual (T+1, channels) [px]."""
         white, slow = self.mismatch
         used = self.used.reshape(len(self.used), -1, 2)
         series = np.where(used, residual.reshape(used.shape), np.nan)
         sigma = np.where(self.targets.visible, self.targets.sigma, 1.0)
-        # A spike stands out from its own track a few frames before and after; a lost track from what the mismatch allows.
+        # A spike stands out from its own track in the frames around it; a lost track exceeds what the mismatch allows.
         spike = np.linalg.norm(series - _running_median(series), axis=-1) / np.sqrt(sigma**2 + self.variance_factor * white**2)
         drift = np.linalg.norm(series, axis=-1) / np.sqrt(sigma**2 + self.variance_factor * (white**2 + slow**2))
         inflation = np.repeat(np.fmax(1.0, np.fmax(spike, drift) / NOISE.huber), 2, axis=1)
@@ -75,7 +76,7 @@ class TrackChannels:
         return replace(self, inflation=np.fmax(inflation, ends[:, None]), wild=ends > 1.0)
 
     def _ends(self, miss: np.ndarray) -> np.ndarray:
-        """(T+1,) factor on the variance of frames whose tracks `miss` (T+1, K) by so much [deviations]; NaN is not seen, or not asked."""
+        """(T+1,) factor on the variance of each frame, given the misses of its tracks (T+1, K) [deviations]; NaN for no residual."""
         factor, looked = np.ones(len(miss)), np.flatnonzero(np.isfinite(miss).any(axis=1))
         if len(looked) < NOISE.end_fewest:
             return factor
@@ -86,7 +87,7 @@ class TrackChannels:
             frames, end = looked[order], off[order][: int(NOISE.end_part * len(off))]
             run = end[: np.argmin(np.append(end > NOISE.end_odd * usual, False))]
             if frames[0] == last and run.max(initial=0.0) > max(NOISE.end_wild * usual, NOISE.end_least):
-                # They err together: how many there are does not help.
+                # The errors of the tracks are common to all, so their number does not reduce them.
                 factor[frames[: len(run)]] = self.variance_factor * (run.max() / usual) ** 2
         return factor
 
@@ -102,7 +103,7 @@ class TrackChannels:
         return first_speed(self._across(x), fps)
 
     def _across(self, x: np.ndarray) -> np.ndarray:
-        """(T+1, tracks, 2) of the longest tracks, in metres across the view at their first depth; what is hidden is drawn in between."""
+        """(T+1, tracks, 2) positions of the longest tracks across the view, at their first depth [m]; interpolated where hidden."""
         seen = self.targets.visible.all(axis=0)
         if not seen.any():
             seen = self.targets.visible.sum(axis=0) == self.targets.visible.sum(axis=0).max()
@@ -133,10 +134,10 @@ def _running_median(series: np.ndarray) -> np.ndarray:
 
 
 def track_channels(particles: Particles, targets: TrackTargets, plastic: bool) -> TrackChannels:
-    """Channels of one camera's tracks, points that turned edge-on left out.
+    """Channels of one camera's tracks, without tracks where the surface is seen edge-on.
 
     Raises:
-        UsageError, ObjectError: as `point_channels`.
+        UsageError, ObjectError: as in `point_channels`.
     """
     check(targets.xy, targets.visible, 2, targets.attachment, len(particles.x))
     if targets.sigma.shape != targets.visible.shape or not np.isfinite(targets.sigma[targets.visible]).all():
@@ -152,9 +153,9 @@ def track_channels(particles: Particles, targets: TrackTargets, plastic: bool) -
 
 
 def edge_on(xy: np.ndarray, visible: np.ndarray) -> np.ndarray:
-    """(T+1, K) bool: the neighbourhood of the track is seen edge-on, its pixels say little and a tracker slips.
+    """(T+1, K) bool: whether the neighbourhood of a track is seen edge-on; its pixels then show little, and a tracker slips.
 
-    The local affine map from frame 0 to each frame is fitted to the nearest tracks; its smaller singular value tells.
+    The criterion is the smaller singular value of the local affine map from frame 0 to each frame, fitted to the nearest tracks.
     """
     flagged = np.zeros(visible.shape, bool)
     known = np.flatnonzero(visible[0])
@@ -172,9 +173,9 @@ def edge_on(xy: np.ndarray, visible: np.ndarray) -> np.ndarray:
 
 
 def _affine(before: np.ndarray, after: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """(R, 2, 2) linear parts of the maps between groups of points (R, n, 2), of those that are `seen` (R, n) bool.
+    """(R, 2, 2) linear parts of the affine maps between groups of points (R, n, 2), fitted to the points `seen` (R, n) bool.
 
-    Each is fitted twice: then without the worst third of its group, which may be lost tracks.
+    Each map is fitted twice, the second time without the worst third of its group, which may be lost tracks.
     """
     before, after, keep = np.where(seen[..., None], before, 0.0), np.where(seen[..., None], after, 0.0), seen
     most = np.maximum(4, 2 * seen.sum(axis=1) // 3)[:, None]
@@ -189,5 +190,5 @@ def _affine(before: np.ndarray, after: np.ndarray, seen: np.ndarray) -> np.ndarr
 
 
 def _mean(points: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """(R, 1, 2) of points (R, n, 2) with weights (R, n, 1)."""
+    """Means (R, 1, 2) of points (R, n, 2) with weights (R, n, 1)."""
     return (weight * points).sum(axis=1, keepdims=True) / weight.sum(axis=1, keepdims=True)

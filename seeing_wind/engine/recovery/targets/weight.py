@@ -1,8 +1,8 @@
-"""Whether a held body bears its weight in the shape that frame 0 shows.
+"""Whether a held body already bears its weight in the shape that frame 0 shows.
 
-A plant, a twig or a sign has long come to rest under its weight when it is filmed: its shape in frame 0 is not the one that it would have
-without a load. A body that the solver puts there unstrained would sag at once. So where gravity is known, what is seen of the first frames
-is compared with that sag. If it is not there, the weight is borne, and the force is what moves the body from where it stands.
+A plant, a twig or a sign has long come to rest under its weight when it is filmed: its shape in frame 0 is not the one without a load.
+A body that the solver starts in this shape without strain would sag at once. So if gravity is known, the first frames are compared with
+that sag. If the sag does not show, the body bears its weight, and the force is what moves it away from its shape in frame 0.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from .objective import Objective
 
 
 def bears_weight(model: Model, x: np.ndarray, objective: Objective) -> bool:
-    """Whether a body that is held at x (N, 3) [m], as frame 0 shows it, does not sag as one without a load would.
+    """Whether a held body with the rest positions x (N, 3) [m] of frame 0 lacks the sag of a body that starts without strain.
 
-    A velocity in frame 0 tells nothing, so what grows evenly with time is left out of both. Where the sag is too small to be seen, the
-    weight is borne: so it is of nearly all that is filmed.
+    A velocity in frame 0 is no evidence, so the part that grows linearly with time is removed from both motions. If the sag would be too
+    small to be seen, the body is taken to bear its weight, as nearly all filmed bodies do.
     """
     frames = min(NOISE.sag_frames, objective.frames)
     if frames < 2:
@@ -32,7 +32,7 @@ def bears_weight(model: Model, x: np.ndarray, objective: Objective) -> bool:
     try:
         sagging = rollout(rough, State.at_rest(x), np.zeros((frames, *x.shape))).x
     except SimulationError:
-        return True  # no body stands that breaks under its own weight
+        return True  # a body that breaks under its own weight could not stand, so it must bear it already
     still = np.broadcast_to(x, sagging.shape)
     raw = objective.until(frames).residual(np.stack([still, sagging]))[:, 1:]  # (2, frames, channels)
     raw /= objective.deviation[1 : frames + 1]
