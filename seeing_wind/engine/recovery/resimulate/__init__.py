@@ -1,11 +1,11 @@
-"""Meshes in, bodies out: what a user inserts, pins and weighs, moved by a recovered field.
+"""Re-simulation: the bodies of an edit, with their pins and masses, moved by a recovered field.
 
-    simulate.py  an edit becomes motion       actors.py     its bodies before they move
+    simulate.py  simulates an edit            actors.py     the bodies of an edit before the simulation
     mesh.py      triangle meshes from files
-    fill.py      particles for a mesh         voxels.py     the inside of a surface that is no proper solid
-    pins.py      pinned vertices              obstacles.py  what the bodies run into
-    sheets.py    open meshes as shells        in_field.py   what is around the bodies
-    forces.py    further forces on a lattice  coarser/      less to simulate, for a preview
+    fill.py      particles for a mesh         voxels.py     the inside of a surface that is not a proper solid
+    pins.py      pinned vertices              obstacles.py  the colliders of an edit
+    sheets.py    open meshes as shells        in_field.py   field, gravity and colliders around the bodies
+    forces.py    further forces on a lattice  coarser/      fewer particles or vertices, for a preview
 """
 
 from .mesh import load_mesh

@@ -1,4 +1,4 @@
-"""The bodies of an edit before they move: particles or a shell, material, pins."""
+"""The bodies of an edit before the simulation: particles or a shell, material, pins."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from ...settings import BodyEdit, Edit
 from . import sheets
 from .coarser import fill_coarser
 from .mesh import load_mesh
-from .pins import Rider, carried, hold_of, read_pin_path, read_pins, read_weights, ride
+from .pins import Rider, hold_of, particle_paths, read_pin_path, read_pins, read_weights, ride
 
 MIN_SUBSTEPS = 100
-"""Per frame at least, whatever the stiffness, so that a fall's first frame is right to a hundredth."""
+"""Fewest substeps per frame, whatever the stiffness, so that the first frame of a fall is accurate to 1 %."""
 
 MOST_SCALED = 1e6
-"""Factor up or down beyond which a mass or a stiffness is a mistake."""
+"""Factors on a mass or a stiffness beyond this, or below its inverse, are a mistake."""
 
 FASTEST = 1e4
-"""m/s of a body's first velocity, and m/s² of gravity: more is a mistake."""
+"""Largest initial velocity of a body [m/s] and largest gravity [m/s²]: more is a mistake."""
 
 LARGEST = 1e4
-"""Metres across a body: what is larger was given in another unit."""
+"""Largest size of a body [m]: a larger one was given in another unit."""
 
 
 @dataclass(frozen=True)
@@ -39,26 +39,30 @@ class Actor:
     particles: Particles
     material: Material
     velocity: np.ndarray
-    """(N, 3) [m/s] when it starts."""
+    """(N, 3) velocity of the particles when the body starts [m/s]."""
     rider: Rider
     triangles: np.ndarray
     notes: list[str]
     soft: np.ndarray
-    """(N,) weight in 0..1 with which a particle is drawn back to its place; 0 for free and for firmly held ones."""
+    """(N,) weight in 0..1 with which a particle is pulled back to its place; 0 for free and for firmly held particles."""
     clamp_depth: float = 0.0
-    """Grid cells below the border of what is pinned at which it is held: as in the recovery, for what was recovered."""
+    """How far below the border of the pinned material the clamp begins [cells]; for the recovered object, as in the recovery."""
     substeps: int = MIN_SUBSTEPS
-    """Per frame at least; of what was recovered those of the recovery, whose force goes with the damping that they make."""
+    """Fewest substeps per frame; for the recovered object those of the recovery, as its force belongs to the damping that they cause."""
     path: np.ndarray | None = None
-    """(T+1, N, 3) [m] which way its pinned particles go, if they do not keep their places."""
+    """(T+1, N, 3) path of the pinned particles [m]; None if they keep their places."""
     coarser: float = 1.0
-    """By which factor its particles are farther apart than in the full result: at most the edit's coarseness."""
+    """Factor on the spacing of the particles relative to the full result: at most the edit's coarseness."""
     borne: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(3))
-    """(3,) gravity that it bears as it stands [m/s²], which bends it no further."""
+    """(3,) gravity that the body already bears in its initial shape, so that it does not bend it further [m/s²]."""
 
 
 def enter_all(edit: Edit, field: ForceField, recovered: tuple[Body, Recovery] | None, base_dir: Path) -> list[Actor | sheets.Hanging]:
-    """All bodies of an edit. Solids that push each other share a grid, so that all are as fine as the one that has to be the finest."""
+    """All bodies of an edit. Solids in contact share a grid, so all of them are as fine as the finest must be.
+
+    Raises:
+        UsageError, MaterialError: as in `enter`.
+    """
     entered = [_enter_named(body, field, recovered, base_dir, edit.coarseness) for body in edit.body]
     finest = min((one.coarser for one in entered if isinstance(one, Actor)), default=1.0)
     if edit.contact and any(isinstance(one, Actor) and one.coarser > finest for one in entered):
@@ -79,7 +83,11 @@ def _enter_named(
 def enter(
     body: BodyEdit, field: ForceField, recovered: tuple[Body, Recovery] | None, base_dir: Path, coarseness: float
 ) -> Actor | sheets.Hanging:
-    """Mesh, particles or shell, material and pins of one body. What was recovered keeps its particles: its force was found with them."""
+    """A body with mesh, particles or shell, material and pins. The recovered object keeps the particles with which its force was found.
+
+    Raises:
+        UsageError: for numbers, a mesh or pins that do not fit. MaterialError: for an unknown material.
+    """
     for name in ("mass_scale", "youngs_modulus_scale"):
         if not 1.0 / MOST_SCALED <= getattr(body, name) <= MOST_SCALED:
             raise UsageError(
@@ -139,8 +147,8 @@ def _enter_recovered(body: BodyEdit, source: Body, recovery: Recovery) -> Actor:
 
 
 def _clamp_path(body: BodyEdit, particles: Particles, recovery: Recovery) -> np.ndarray | None:
-    """(T+1, N, 3) [m] where a clamp that moved in the clip takes the held particles; None where it stood. A body that starts later than
-    the clip has no part in it."""
+    """Path (T+1, N, 3) [m] along which a clamp that moved in the clip takes the pinned particles; None if the clamp stood still, or if the
+    body starts later than the clip."""
     if not recovery.clamp_moves or body.start_frame:
         return None
     return np.where(particles.pinned[:, None], recovery.x, particles.x)
@@ -168,14 +176,14 @@ def _overridden(material: Material, body: BodyEdit, particles: Particles) -> Mat
 
 
 def _free(actor: Actor, path: Path) -> Actor:
-    """The recovered object without some of the holds that it had in the clip."""
+    """The recovered object with some of the particles that were pinned in the clip set free."""
     pinned = actor.particles.pinned.copy()
     pinned[read_pins(path, len(pinned), "particles")] = False
     return dataclasses.replace(actor, particles=dataclasses.replace(actor.particles, pinned=pinned))
 
 
 def _pin(actor: Actor, base_dir: Path, frames: int) -> Actor:
-    """The actor with pins, firm and soft: vertex indices for a mesh, particle indices for the recovered object. Firm ones may move."""
+    """The actor with its firm and soft pins: vertex indices for a mesh, particle indices for the recovered object. Firm pins may move."""
     edit, particles, rest = actor.edit, actor.particles, actor.rider.rest
     recovered, path = edit.mesh == "recovered", base_dir / str(edit.pin)
     pins = read_pins(path, len(particles.x) if recovered else len(rest), "particles" if recovered else "vertices")
@@ -191,5 +199,5 @@ def _pin(actor: Actor, base_dir: Path, frames: int) -> Actor:
     firm = weights >= 1.0
     rider, way = actor.rider if recovered else ride(rest, particles, pins[firm]), actor.path
     if edit.pin_path is not None and firm.any():
-        way = carried(rest[pins[firm]], read_pin_path(base_dir / edit.pin_path, path, frames)[:, firm], particles)
+        way = particle_paths(rest[pins[firm]], read_pin_path(base_dir / edit.pin_path, path, frames)[:, firm], particles)
     return dataclasses.replace(actor, particles=particles, velocity=velocity, rider=rider, soft=np.where(pinned, 0.0, hold), path=way)

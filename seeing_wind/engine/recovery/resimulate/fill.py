@@ -1,6 +1,6 @@
-"""Particles for a mesh: a lattice inside what is closed and thick enough, a shell of two layers on everything else.
+"""Particles for a mesh: a lattice inside parts that are closed and thick enough, two layers on the surface of all others.
 
-What encloses a room without being a proper solid (see `voxels`) gets the lattice too.
+A surface that encloses something without being a proper solid (see `voxels`) gets a lattice, too.
 """
 
 from __future__ import annotations
@@ -19,41 +19,41 @@ from ...records import Particles
 from .voxels import Room, enclosed_room
 
 COUNT = 2000
-"""Particles per body, roughly, where nothing else is asked."""
+"""Default number of particles per body, approximately."""
 MOST = 12_000
-"""Particles beyond which a thin closed part becomes a shell instead of a finer lattice."""
+"""If a thin closed part needed more particles than this for a finer lattice, it gets two layers instead."""
 LAYERS = 2.0
-"""A part is thick enough for a lattice if that many particles lie across it: one layer alone cannot bend."""
+"""Fewest particles across a part for a lattice: a single layer cannot bend."""
 _FEWEST = 8
-"""A closed part that catches fewer lattice points than this becomes a shell, as does one thinner than"""
+"""A closed part with fewer lattice points inside than this gets two layers."""
 _THINNEST = 1.2
-"""times the spacing: the lattice would leave holes in it."""
+"""A closed part that is thinner than this gets two layers, as a lattice would leave holes in it [spacings]."""
 
 
 @dataclass(frozen=True)
 class Filling:
-    """The particles of a mesh, and what the user should know of how they were placed."""
+    """The particles of a mesh, and notes for the user on how they were placed."""
 
     particles: Particles
     notes: list[str]
     layered: bool = False
-    """Whether a part of it is two layers, as far from each other as the particles of a layer."""
+    """Whether a part consists of two layers, which are one spacing apart."""
 
 
 def fill(vertices: np.ndarray, triangles: np.ndarray, *, spacing: float | None = None, count: int = COUNT) -> Filling:
     """Fill a mesh with about `count` particles, or with particles `spacing` apart.
 
-    The volumes of a closed mesh's particles sum to the mesh's volume. A surface that is not closed but encloses something all the same is
-    filled through voxels. An open surface has no volume: it becomes a shell as thick as two particles, and so does a closed part too thin
-    for the lattice (which keeps its volume). Every connected part gets particles.
+    The volumes of a closed mesh's particles sum to the mesh's volume. A surface that is not closed but still encloses something is filled
+    by means of voxels. An open surface has no volume: it gets two layers with the thickness of two particles. A closed part that is too
+    thin for a lattice gets two layers, too, and keeps its volume. Every connected part gets particles.
 
     Args:
         vertices: (V, 3) [m]; triangles: (M, 3).
         spacing: distance between neighbouring particles [m].
-        count: wanted number of particles, if no spacing is given; a lower number where it would leave nothing.
+        count: wanted number of particles if no spacing is given.
 
     Raises:
-        UsageError: a count or spacing that is not positive, or a mesh without any area.
+        UsageError: for a count or spacing that is not positive, or a mesh without any area.
     """
     if count < 1 or (spacing is not None and not spacing > 0.0):
         raise UsageError(f"A mesh cannot be filled with {count} particles {spacing} m apart.", "Give positive numbers.")
@@ -93,7 +93,7 @@ def fill(vertices: np.ndarray, triangles: np.ndarray, *, spacing: float | None =
         offset = 0.5 * spacing * normals
         x += [points - offset, points + offset]
         open_share = area[shell & ~closed].sum() / area[shell].sum()
-        # What is open gets two particles' thickness; what is closed but thin keeps the volume that it has.
+        # Open parts get the thickness of two particles; closed but thin parts keep their volume.
         total = 2.0 * spacing * area[shell].sum() * open_share + thin
         each = patch / patch.sum() * max(total, 1e-12) / 2.0
         sizes += [each, each]
@@ -106,7 +106,7 @@ def fill(vertices: np.ndarray, triangles: np.ndarray, *, spacing: float | None =
 
 
 def _walls(vertices: np.ndarray, triangles: np.ndarray, area: np.ndarray, parts: np.ndarray, room: Room | None) -> np.ndarray:
-    """(M,) bool: triangles of the parts that have the room next to them over most of their area."""
+    """(M,) bool: triangles of the parts that border on the room with most of their area."""
     if room is None:
         return np.zeros(len(triangles), dtype=bool)
     beside = room.borders(vertices[triangles].mean(axis=1))
@@ -116,7 +116,7 @@ def _walls(vertices: np.ndarray, triangles: np.ndarray, area: np.ndarray, parts:
 def _in_room(
     vertices: np.ndarray, triangles: np.ndarray, closed: np.ndarray, walls: np.ndarray, room: Room | None, spacing: float
 ) -> tuple[np.ndarray, float]:
-    """Lattice points (P, 3) in the room but in no closed part, and the volume [m³] that they share."""
+    """Lattice points (P, 3) in the room but in no closed part, and their total volume [m³]."""
     if room is None or not walls.any():
         return np.zeros((0, 3)), 0.0
     axes = _axes(vertices[np.unique(triangles[walls])], spacing)
@@ -127,7 +127,8 @@ def _in_room(
 
 
 def _shares(owner: np.ndarray, contents: np.ndarray) -> np.ndarray:
-    """Volume (P,) [m³] of lattice points: those of a part share its volume; where a part bounds a cavity of another, all share alike."""
+    """Volume (P,) [m³] of each lattice point: the points in a part share its volume; if one part is a cavity of another, all get equal
+    volumes."""
     caught = np.bincount(owner, minlength=len(contents))
     volumes = contents[caught > 0]
     if len(volumes) and (np.sign(volumes) != np.sign(volumes[0])).any():
@@ -136,7 +137,7 @@ def _shares(owner: np.ndarray, contents: np.ndarray) -> np.ndarray:
 
 
 def _spacing_for(volume: float, closed_area: float, open_area: float, count: int) -> float:
-    """Spacing [m] at which closed parts of `volume` and open ones of `open_area` take about `count` particles, two layers for thin ones."""
+    """Spacing [m] for about `count` particles in closed parts of `volume` and on open parts of `open_area`; thin parts get two layers."""
     shell = np.sqrt(LAYERS * open_area / count) if open_area else 0.0
     if volume <= 0.0:
         return float(max(shell, np.sqrt(LAYERS * closed_area / count)))
@@ -152,13 +153,13 @@ def _spacing_for(volume: float, closed_area: float, open_area: float, count: int
 
 
 def part_volumes(vertices: np.ndarray, triangles: np.ndarray, parts: np.ndarray) -> np.ndarray:
-    """(P,) signed volume [m³] of each connected part, negative for a cavity's wall; without meaning for open parts."""
+    """(P,) signed volume [m³] of each connected part: negative for the wall of a cavity, meaningless for open parts."""
     a, b, c = (vertices[triangles[:, k]] - vertices.mean(axis=0) for k in range(3))
     return np.bincount(parts, np.einsum("mi,mi->m", a, np.cross(b, c)) / 6.0)
 
 
 def connected_parts(triangles: np.ndarray, vertex_count: int) -> np.ndarray:
-    """(M,) number of the connected part that each triangle belongs to."""
+    """(M,) number of the connected part to which each triangle belongs."""
     edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]]])
     graph = coo_matrix((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(vertex_count, vertex_count))
     label = connected_components(graph, directed=False)[1][triangles[:, 0]]
@@ -169,7 +170,7 @@ def connected_parts(triangles: np.ndarray, vertex_count: int) -> np.ndarray:
 
 
 def _lattice(vertices: np.ndarray, triangles: np.ndarray, parts: np.ndarray, spacing: float) -> tuple[np.ndarray, np.ndarray]:
-    """Lattice points (P, 3) inside closed triangles, and the part (P,) whose surface is nearest."""
+    """Lattice points (P, 3) inside closed triangles, and for each point the part (P,) whose surface is nearest."""
     if len(triangles) == 0:
         return np.zeros((0, 3)), np.zeros(0, dtype=int)
     axes = _axes(vertices[np.unique(triangles)], spacing)
@@ -181,10 +182,10 @@ def _lattice(vertices: np.ndarray, triangles: np.ndarray, parts: np.ndarray, spa
 
 
 def _axes(vertices: np.ndarray, spacing: float) -> list[np.ndarray]:
-    """Coordinates of a lattice over the box of some vertices, along each axis [m]."""
+    """Coordinates [m] along each axis of a lattice over the bounding box of the vertices."""
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     counts = np.maximum(np.ceil((high - low) / spacing).astype(int), 1)
-    # Centred, and off the places where a modeller's vertices lie: a line through an edge would count it twice.
+    # Centred, but shifted off the round numbers at which modellers put vertices: a line through an edge would count the edge twice.
     start = 0.5 * (low + high) - 0.5 * (counts - 1) * spacing + spacing * np.array([1.37e-4, 2.11e-4, 0.0])
     return [start[c] + spacing * np.arange(counts[c]) for c in range(3)]
 
@@ -198,7 +199,7 @@ def sample_surface(
     """Points about `spacing` apart on triangles.
 
     Returns:
-        points (P, 3) [m], unit normals (P, 3), and the area (P,) [m²] that each stands for.
+        Points (P, 3) [m], unit normals (P, 3), and the area (P,) [m²] that each point represents.
     """
     rng = np.random.default_rng(0)
     dense = np.maximum(np.ceil(area / spacing**2 * 24.0), 1).astype(int)
@@ -211,7 +212,7 @@ def sample_surface(
     share = (area / dense)[owner]
     chosen = _spread(dots, spacing)
     points = dots[chosen]
-    for _ in range(4):  # Lloyd's relaxation evens the distances out
+    for _ in range(4):  # Lloyd's relaxation evens out the distances
         nearest = cKDTree(points).query(dots)[1]
         weight = np.bincount(nearest, share, len(points))
         centre = np.stack([np.bincount(nearest, share * dots[:, c], len(points)) for c in range(3)], axis=1) / weight[:, None]
@@ -224,7 +225,7 @@ def sample_surface(
 
 
 def _spread(dots: np.ndarray, spacing: float) -> np.ndarray:
-    """Indices of dots no two of which are nearer than 0.75 spacings: greedy, in the given (random) order."""
+    """Indices of dots at least 0.75 spacings from each other, chosen greedily in the given (random) order."""
     neighbours = cKDTree(dots).query_ball_point(dots, 0.75 * spacing, return_sorted=False)
     free = np.ones(len(dots), dtype=bool)
     chosen = []

@@ -1,8 +1,8 @@
-"""Further forces on the bodies of an edit, beside the field: those that other force fields of a scene have, sampled on a lattice.
+"""Further forces on the bodies of an edit, in addition to the field: those of a scene's other force fields, sampled on a lattice.
 
-A force field of Blender pushes a thing with so many newtons, however large it is. So a body of mass M accelerates by F(x) / M, as
-Blender's own particle of that mass does, and each part of it by the force at its own place. What depends on the velocity v, such as a
-drag, is there as well: F(x, v) = F(x) + A(x) v - q(x) |v| v.
+A force field of Blender exerts the same force in newtons on a thing of any size. So a body of mass M accelerates by F(x) / M, as Blender's
+own particle of that mass does, and each part of the body by the force at its own place. The force may depend on the velocity v, as drag
+does: F(x, v) = F(x) + A(x) v - q(x) |v| v.
 """
 
 from __future__ import annotations
@@ -18,22 +18,22 @@ from ...field.trilinear import value_at
 from ...reading import read_arrays
 
 STRONGEST = 1e9
-"""N, N s/m and N s²/m²: more is a mistake."""
+"""Largest plausible coefficient [N, N s/m and N s²/m²]: more is a mistake."""
 
 
 @dataclass(frozen=True)
 class Push:
-    """The forces at places (P, 3)."""
+    """The further forces at P places."""
 
     force: np.ndarray
-    """(P, 3) on what is at rest [N]."""
+    """(P, 3) F, the force at rest [N]."""
     linear: np.ndarray | None
-    """(P, 3, 3) by the velocity [N s/m]."""
+    """(P, 3, 3) A, the force per velocity [N s/m]."""
     quadratic: np.ndarray | None
-    """(P,) against the velocity, by its square [N s²/m²]."""
+    """(P,) q, the force against the velocity per squared speed [N s²/m²]."""
 
     def on(self, v: np.ndarray) -> np.ndarray:
-        """Force (P, 3) [N] on what moves with v (P, 3) [m/s]."""
+        """Force (P, 3) [N] at velocities v (P, 3) [m/s]."""
         found = self.force
         if self.linear is not None:
             found = found + np.einsum("pij,pj->pi", self.linear, v)
@@ -42,7 +42,7 @@ class Push:
         return found
 
     def damping(self, v: np.ndarray) -> np.ndarray:
-        """(P,) mean force against a change of the velocity v (P, 3), over that change [N s/m]; none where it would drive."""
+        """Damping (P,) at velocities v (P, 3) [m/s]: mean force against a change of velocity, per change [N s/m]; 0 where negative."""
         against = np.zeros(len(v))
         if self.linear is not None:
             against -= np.trace(self.linear, axis1=1, axis2=2) / 3.0
@@ -51,9 +51,11 @@ class Push:
         return np.maximum(against, 0.0)
 
     def acceleration(self, v: np.ndarray, mass: np.ndarray, duration: float) -> np.ndarray:
-        """(P, 3) [m/s²], held for a duration [s], of parts of bodies that weigh `mass` (P,) [kg] as a whole and move with v (P, 3) [m/s].
+        """Acceleration (P, 3) [m/s²], constant over a `duration` [s], of parts of bodies with the total `mass` (P,) [kg], moving at
+        v (P, 3) [m/s].
 
-        It is that of the end (implicit Euler), so that no drag turns a body round and no magnet throws it out, however light it is.
+        It is that at the end of the duration (implicit Euler), so that drag never reverses a body and no magnet throws it out, however
+        light it is.
         """
         if self.linear is None and self.quadratic is None:
             return self.force / mass[:, None]
@@ -67,25 +69,25 @@ class Push:
 
 @dataclass(frozen=True)
 class Forces:
-    """Forces on lattices that fill a box, each array with numbers of nodes of its own; beside the box those of its nearest place."""
+    """Forces on lattices that fill a box; outside the box, those at its nearest place. Each array has its own number of nodes."""
 
     box: np.ndarray
     """(2, 3) lower and upper corner [m]."""
     force: np.ndarray
-    """(T, A, B, C, 3) [N]; row t is held from frame t to frame t + 1."""
+    """(T, A, B, C, 3) F [N]; row t acts from frame t to frame t + 1."""
     linear: np.ndarray | None = None
-    """(T, A', B', C', 3, 3) [N s/m]."""
+    """(T, A', B', C', 3, 3) A [N s/m]."""
     quadratic: np.ndarray | None = None
-    """(T, A', B', C') [N s²/m²]."""
+    """(T, A', B', C') q [N s²/m²]."""
     lead: int = 0
-    """Frames for which the first row lasts longer."""
+    """Frames before the clip, in which the first row acts."""
 
     def after(self, lead: int) -> Forces:
-        """The same, begun `lead` frames later."""
+        """The same, with the clip beginning after `lead` frames."""
         return replace(self, lead=lead)
 
     def at(self, points: np.ndarray, frame: int) -> Push:
-        """At points (P, 3) [m]."""
+        """The forces at points (P, 3) [m] in a frame that counts from the first of the `lead` frames."""
         row = max(frame - self.lead, 0)
         linear, quadratic = (
             None if one is None else value_at(one[row], self.box, points) for one in (self.linear, self.quadratic)
@@ -93,19 +95,19 @@ class Forces:
         return Push(value_at(self.force[row], self.box, points), linear, quadratic)
 
     def outside_note(self, x: np.ndarray) -> list[str]:
-        """A note if more than a tenth of a body left the lattice. x (T+1, N, 3) [m]."""
+        """A note if more than a tenth of a body left the box; x: (T+1, N, 3) path of the body [m]."""
         outside = ((x < self.box[0]) | (x > self.box[1])).any(axis=2).mean(axis=1)
         if outside.max() <= 0.1:
             return []
         first = frame_named(int(np.argmax(outside > 0.1)))
-        return [f"it leaves the box of the further forces in {first}; beyond, those of the box's edge act"]
+        return [f"it leaves the box of the further forces in {first}; outside, those at the box's edge act"]
 
 
 def read_forces(path: str | os.PathLike[str], frames: int) -> Forces:
-    """The forces of an NPZ file, for a field of so many frames: arrays as of `Forces`, `linear` and `quadratic` if there are any.
+    """The forces in an NPZ file, for a field of `frames` frames: arrays as in `Forces`, with `linear` and `quadratic` optional.
 
     Raises:
-        UsageError: no such file, or arrays that do not fit each other or the field, or are not finite.
+        UsageError: for a missing file, or arrays that do not fit each other or the field, or are not finite.
     """
     advice = f"It needs box (2,3) m and force ({frames},A,B,C,3) N, two nodes or more along each side."
     try:

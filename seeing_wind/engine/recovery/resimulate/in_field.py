@@ -1,7 +1,7 @@
-"""What is around the bodies: the recovered field, also where nobody saw anything move, gravity, obstacles and further forces.
+"""What acts on the bodies: the recovered field, also away from where it was recovered, gravity, colliders and further forces.
 
-The field may stand elsewhere than it was recovered: turned, moved, scaled. Then its force at a place is that at the place's own coordinates
-in the field, turned with it; its size does not change, as that of a force field of Blender does not.
+The field may have been moved, turned or scaled. The force at a place is then the field's at that place in the field's own coordinates,
+turned with the field. Its strength does not change with the scale, as with Blender's own force fields.
 """
 
 from __future__ import annotations
@@ -22,24 +22,24 @@ from .forces import Forces
 from .pins import read_way
 
 FLATTEST = 1e-6
-"""Least scale of a field along any direction, relative to the largest."""
+"""Smallest scale of a field along any direction, relative to the largest."""
 
 FAINT = 0.5
-"""Share of the field, in the mean over a body, below which the user is told that it has faded."""
+"""A note says that the field has faded if less than this share of it is left, averaged over a body."""
 
 
 @dataclass(frozen=True)
 class Reach:
-    """What becomes of a field away from the filmed object and beside its box, where that of the box's nearest place goes on."""
+    """What becomes of a field away from the filmed object and outside its box, where it continues as at the box's nearest place."""
 
     fade: float | None = None
-    """Over so many metres from the object, in its place of that frame, it fades to nothing, smoothly; and once more from the box."""
+    """Distance from the object, where it is in that frame, over which the field fades smoothly to zero; likewise from the box [m]."""
     falloff: tuple[float, float] | None = None
-    """(a, p): at a distance d [m] from the box (a / (a + d)) ** p of it is left, and all of it within."""
+    """(a, p): at a distance d [m] from the box the share (a / (a + d)) ** p of the field is left; inside the box, all of it."""
 
     @classmethod
     def of(cls, edit: Edit) -> Reach:
-        """Of an edit. Raises UsageError for a falloff beside a fade, or one that is not finite and above zero."""
+        """The reach that an edit asks for. Raises UsageError for both fade and falloff, or a falloff that is not finite and above zero."""
         if edit.fade is not None and edit.falloff is not None:
             raise UsageError("The edit has both fade and falloff.", "Leave one of them out.")
         if edit.falloff is not None and not (np.isfinite(edit.falloff).all() and min(edit.falloff) > 0.0):
@@ -47,7 +47,7 @@ class Reach:
         return cls(edit.fade, edit.falloff)
 
     def left(self, distance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Share (P,) of the field that is left at distances (P,) [m] from the box, and its derivative [1/m]."""
+        """Share (P,) of the field that is left at distances (P,) [m] from the box, and its derivative (P,) [1/m]."""
         if self.falloff is not None:
             near, power = self.falloff
             share = (near / (near + distance)) ** power
@@ -58,7 +58,7 @@ class Reach:
         return np.ones_like(distance), np.zeros_like(distance)
 
     def left_near(self, field: ForceField, points: np.ndarray, frame: int) -> tuple[np.ndarray, np.ndarray]:
-        """Share (P,) of a field that is left at points (P, 3) [m] of its box, by their distance from the object, and its gradient [1/m]."""
+        """Share (P,) of a field left at points (P, 3) [m] in its box, from their distance to the object; and its gradient (P, 3) [1/m]."""
         if self.fade is None:
             return np.ones(len(points)), np.zeros(points.shape)
         distance, outwards = field.away(points, frame)
@@ -68,7 +68,7 @@ class Reach:
 
 @dataclass(frozen=True)
 class Surroundings:
-    """All that is around the bodies of an edit."""
+    """Everything that acts on the bodies of an edit."""
 
     field: ForceField
     strength: np.ndarray
@@ -78,26 +78,27 @@ class Surroundings:
     colliders: Sequence[Collider]
     forces: Forces | None
     lead: int = 0
-    """Frames for which the field's first one lasts longer."""
+    """Frames before the clip, in which the field of the clip's first frame acts."""
     place: np.ndarray | None = None
-    """(T, 4, 4) from the field's own coordinates to the world's [m] in each of its frames; None where it was recovered."""
+    """(T, 4, 4) matrices from the field's own coordinates to the world's [m] in each of its frames; None if it stands where it was
+    recovered."""
     reach: Reach = Reach()
     coarseness: float = 1.0
     """Factor on the length of substeps."""
     asked: int | None = None
-    """How many of the field's frames are simulated; None for all."""
+    """How many of the field's frames the edit asks for; None for all."""
 
     @property
     def frames(self) -> int:
-        """How many are simulated, those before the clip included."""
+        """Number of simulated frames, including those before the clip."""
         return min(self.asked or self.field.frames, self.field.frames) + self.lead
 
     def told(self) -> list[Any]:
-        """What a journal is told of it, but for the field, which its stamp tells."""
+        """The inputs for a journal's digest, without the field, on which the journal's stamp depends already."""
         return [list(self.gravity), self.strength, *self.colliders, self.forces, self.place, self.reach, self.coarseness, self.asked]
 
     def felt(self, points: np.ndarray, frame: int) -> tuple[np.ndarray, np.ndarray]:
-        """The field's force density (P, 3) [N/m³] and its gradient (P, 3, 3) [N/m⁴] at points (P, 3) [m]; of a wind [m/s] and [1/s]."""
+        """The field's force density (P, 3) [N/m³] and its gradient (P, 3, 3) [N/m⁴] at points (P, 3) [m]; for a wind in [m/s] and [1/s]."""
         row = max(frame - self.lead, 0)
         if self.place is None:
             value, gradient = extrapolate(self.field, points, row, self.reach)
@@ -108,14 +109,14 @@ class Surroundings:
         return self.strength[row] * value, self.strength[row] * gradient
 
     def value(self, frame: int, points: np.ndarray) -> np.ndarray:
-        """The first of `felt`."""
+        """The force density, or wind velocity, of `felt` alone."""
         return self.felt(points, frame)[0]
 
     def place_notes(self, x: np.ndarray) -> list[str]:
-        """Notes if at some time more than a tenth of a body was outside the field's box, or most of the field had faded where it was.
+        """Notes if in some frame more than a tenth of a body was outside the field's box, or most of the field had faded at the body.
 
         Args:
-            x: (T+1, N, 3) [m], the body's particles or vertices.
+            x: (T+1, N, 3) positions of the body's particles or vertices [m].
         """
         if self.place is not None:
             back = np.linalg.inv(self.place[np.minimum(np.arange(len(x)), len(self.place) - 1)])
@@ -142,8 +143,8 @@ class Surroundings:
 
 
 def extrapolate(field: ForceField, points: np.ndarray, frame: int, reach: Reach = Reach()) -> tuple[np.ndarray, np.ndarray]:
-    """Force density (M, 3) [N/m³] and its gradient (M, 3, 3) [N/m⁴] at points (M, 3) [m]: what is left of those at the box's nearest
-    places."""
+    """Force density (M, 3) [N/m³] and its gradient (M, 3, 3) [N/m⁴] at points (M, 3) [m]; outside the box, what the reach leaves of the
+    values at its nearest places."""
     nearest = np.clip(points, field.box[0], field.box[1])
     near, change = reach.left_near(field, nearest, frame)
     whole, _ = field.sample(nearest, frame)
@@ -158,7 +159,7 @@ def extrapolate(field: ForceField, points: np.ndarray, frame: int, reach: Reach 
 
 
 class WithinReach(ForceField):
-    """What its reach leaves of a field, to be asked for values; the field alone is saved."""
+    """A field weakened according to its reach. It can be sampled, but not saved or loaded; the field itself is what is saved."""
 
     def __init__(self, field: ForceField, reach: Reach) -> None:
         super().__init__(field.box, field.fps, field.frames)
@@ -185,16 +186,16 @@ class WithinReach(ForceField):
 
 
 def rotation_of(matrix: np.ndarray) -> np.ndarray:
-    """(3, 3) the rotation in a matrix (3, 3). That of a mirrored one is the rotation in its negative, as Blender takes it."""
+    """The rotation (3, 3) contained in a matrix (3, 3). For a mirrored matrix it is that of its negative, as in Blender."""
     U, _, Vt = np.linalg.svd(matrix if np.linalg.det(matrix) > 0.0 else -matrix)
     return np.asarray(U @ Vt)
 
 
 def read_place(path: str | os.PathLike[str], frames: int) -> np.ndarray:
-    """Where a field of so many frames stands: matrices (T, 4, 4) from an NPY file.
+    """The place of a field with `frames` frames: matrices (T, 4, 4) from an NPY file.
 
     Raises:
-        UsageError: see `read_way`; a matrix that is no place, or flat.
+        UsageError: as in `read_way`, or for a matrix that is not affine, or is flat.
     """
     place = read_way(path, (frames, 4, 4), "the field's place")
     scale = np.linalg.svd(place[:, :3, :3], compute_uv=False)

@@ -1,4 +1,4 @@
-"""Triangle meshes from OBJ, PLY and NPZ files. Vertices keep the file's order, for pins are vertex indices."""
+"""Triangle meshes from OBJ, PLY and NPZ files. Vertices keep the file's order, as pins are vertex indices."""
 
 from __future__ import annotations
 
@@ -17,18 +17,19 @@ _HINT = "Give an OBJ, a PLY, or an NPZ with vertices (V,3) in metres and triangl
 def load_mesh(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndarray]:
     """Read a mesh: vertices (V, 3) [m] and triangles (M, 3) int32; larger polygons are cut into fans.
 
-    Nothing in the file is executed: OBJ is read as text, materials are not looked at, NPZ is read without pickle.
+    Nothing in the file is executed: OBJ is read as text, materials are ignored, NPZ is read without pickle.
 
     Raises:
-        UsageError: no such file, another format, no triangles, an index out of range, a vertex that is not finite or beyond `FARTHEST`.
-        MissingPackage: PLY without trimesh.
+        UsageError: for a missing file, another format, no triangles, an index out of range, or a vertex that is not finite or beyond
+            `FARTHEST`.
+        MissingPackage: for a PLY file without the package trimesh.
     """
     path = Path(path)
     if not path.is_file():
         raise UsageError(f"There is no mesh {path}.", _HINT)
     readers = {".obj": _read_obj, ".ply": _read_ply, ".npz": _read_npz}
     if path.suffix.lower() not in readers:
-        raise UsageError(f"{path.name} is of a format that is not read.", _HINT)
+        raise UsageError(f"{path.name} has a format that cannot be read.", _HINT)
     vertices, triangles = readers[path.suffix.lower()](path)
     vertices = np.asarray(vertices, dtype=np.float64)
     triangles = np.asarray(triangles)
@@ -51,7 +52,7 @@ def load_mesh(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _read_obj(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """`v` and `f` lines of a Wavefront OBJ. (Libraries split vertices at seams and repeat them per object, which would move the pins.)"""
+    """The `v` and `f` lines of a Wavefront OBJ. (Libraries split vertices at seams and repeat them per object, which would shift pins.)"""
     vertices: list[list[float]] = []
     triangles: list[tuple[int, int, int]] = []
     at = 0

@@ -1,4 +1,4 @@
-"""What the bodies of an edit run into."""
+"""The colliders of an edit."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from .pins import read_way
 
 
 def colliders_of(edits: Sequence[ColliderEdit], base_dir: Path, frames: int) -> list[Collider]:
-    """The solver's colliders for those of an edit, in a field of so many frames.
+    """The solver's colliders for those of an edit, in a field of `frames` frames.
 
     Args:
-        base_dir: folder against which the edit's paths are understood.
+        base_dir: folder to which the edit's paths are relative.
 
     Raises:
-        UsageError: neither mesh nor plane or both, no such mesh, one that is not closed, a path that does not fit, an unknown kind,
-            negative friction; it names the collider.
+        UsageError: for neither mesh nor plane or both, a missing mesh or one that is not closed, a path that does not fit, an unknown kind,
+            or negative friction; the message names the collider.
     """
     return [_collider(edit, base_dir, frames) for edit in edits]
 

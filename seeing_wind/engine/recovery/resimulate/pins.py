@@ -1,4 +1,4 @@
-"""Pinned vertices: which particles hold them, and vertices that ride on particles without letting go of their pins."""
+"""Pinned vertices: the particles that hold them, and vertices that ride on particles but stay with their pins."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ from ...reading import read_array
 from ...records import Attachment, Particles
 
 GRIP = 2.0
-"""Particles within that many spacings of a pinned vertex are pinned: one grid cell, the least that the grid can hold still."""
+"""Particles within this distance of a pinned vertex are pinned [spacings]: one grid cell, the least that the grid can hold still."""
 
 SOFT = 24.0
-"""rad/s: a pin of weight one half swings about four times a second, which is what a hand that holds loosely does."""
+"""Angular frequency of a pin of weight one half [rad/s]: about four swings per second, as with a loosely holding hand."""
 
 
 @dataclass(frozen=True)
 class Rider:
-    """Vertices on particles: each moves by the displacement of its carriers."""
+    """Vertices that ride on particles: each moves by the displacement of the particles that carry it."""
 
     rest: np.ndarray
-    """(V, 3) [m]."""
+    """(V, 3) vertices at rest [m]."""
     attachment: Attachment
     particles_rest: np.ndarray
-    """(N, 3) [m]."""
+    """(N, 3) particles at rest [m]."""
 
     def follow(self, x: np.ndarray) -> np.ndarray:
-        """Particles (..., N, 3) -> vertices (..., V, 3), those of frame 0 exactly where the mesh has them."""
+        """Vertices (..., V, 3) [m] for particles at x (..., N, 3) [m]; for particles at rest they are exactly those of the mesh."""
         return carry(self.attachment, self.rest, self.particles_rest, x)
 
 
@@ -41,7 +41,7 @@ def read_pins(path: str | os.PathLike[str], count: int, what: str) -> np.ndarray
     """Indices (P,) from an NPY file, each in 0..count-1; `what` (vertices, particles) names them in messages.
 
     Raises:
-        UsageError: no such file, no list of whole numbers, none at all, or one out of range.
+        UsageError: for a missing file, or one that is not a list of whole numbers, is empty, or has an index out of range.
     """
     pins = _array(path, "pins", f"Write the indices of the pinned {what} with numpy.save.")
     if pins.ndim != 1 or len(pins) == 0 or not np.issubdtype(pins.dtype, np.integer):
@@ -53,13 +53,13 @@ def read_pins(path: str | os.PathLike[str], count: int, what: str) -> np.ndarray
 
 
 def read_weights(path: str | os.PathLike[str], pins: str | os.PathLike[str]) -> np.ndarray:
-    """Weights (P,) in 0..1 from an NPY file, in the order of the sorted indices that `read_pins` gives for `pins`.
+    """Weights (P,) in 0..1 from an NPY file, in the order of the sorted indices that `read_pins` returns for `pins`.
 
     Raises:
-        UsageError: no such file, another number of weights than of indices, or one outside 0..1.
+        UsageError: for a missing file, a number of weights other than that of indices, or a weight outside 0..1.
     """
     advice = "Write one number from 0 to 1 per index with numpy.save."
-    weights, index = _array(path, "weights", advice), read_array(pins)  # the latter `read_pins` has read before
+    weights, index = _array(path, "weights", advice), read_array(pins)  # `read_pins` has already checked the latter
     if weights.shape != index.shape or not np.issubdtype(weights.dtype, np.floating):
         raise UsageError(f"The weights {path} are {weights.dtype} of shape {weights.shape} for {index.size} indices.", advice)
     if not ((weights >= 0.0) & (weights <= 1.0)).all():
@@ -79,21 +79,21 @@ def _array(path: str | os.PathLike[str], what: str, advice: str) -> np.ndarray:
 
 
 def read_pin_path(path: str | os.PathLike[str], pins: str | os.PathLike[str], frames: int) -> np.ndarray:
-    """Where pinned vertices are in every frame: (T+1, P, 3) [m] from an NPY file, in the order of `read_pins`.
+    """Positions of pinned vertices in every frame, (T+1, P, 3) [m], from an NPY file, in the order of `read_pins`.
 
     Raises:
         UsageError: see `read_way`.
     """
-    index = read_array(pins)  # which `read_pins` has read before
+    index = read_array(pins)  # `read_pins` has already checked it
     way = read_way(path, (frames + 1, index.size, 3), "the pins' way")
     return way[:, np.unique(index, return_index=True)[1]]
 
 
 def read_way(path: str | os.PathLike[str], shape: tuple[int, ...], what: str) -> np.ndarray:
-    """Positions of a shape, such as (T+1, P, 3) [m], from an NPY file; `what` names them in messages.
+    """Positions of the given `shape`, such as (T+1, P, 3) [m], from an NPY file; `what` names them in messages.
 
     Raises:
-        UsageError: no such file, another number of frames or vertices, or positions that are not finite or too far.
+        UsageError: for a missing file, another number of frames or vertices, or positions that are not finite or too far away.
     """
     if not Path(path).is_file():
         raise UsageError(f"There is no file {path} of {what}.", "Write their positions with numpy.save.")
@@ -113,8 +113,9 @@ def read_way(path: str | os.PathLike[str], shape: tuple[int, ...], what: str) ->
     return way.astype(np.float64)
 
 
-def carried(rest: np.ndarray, way: np.ndarray, particles: Particles) -> np.ndarray:
-    """(T+1, N, 3) [m] where pinned particles go with the firm pins next to them, from rest (P, 3) along `way` (T+1, P, 3); others stay."""
+def particle_paths(rest: np.ndarray, way: np.ndarray, particles: Particles) -> np.ndarray:
+    """Positions (T+1, N, 3) [m] of particles: pinned ones move with the firm pins near them, from `rest` (P, 3) along `way` (T+1, P, 3);
+    others stay."""
     x = np.broadcast_to(particles.x, (len(way), *particles.x.shape)).copy()
     held = particles.pinned
     x[:, held] = carry(attach(particles.x[held], rest), particles.x[held], rest, way)
@@ -122,9 +123,9 @@ def carried(rest: np.ndarray, way: np.ndarray, particles: Particles) -> np.ndarr
 
 
 def hold_of(rest: np.ndarray, pins: np.ndarray, weights: np.ndarray, particles: Particles) -> np.ndarray:
-    """(N,) weight in 0..1 with which particles hold the vertices `pins` of rest (V, 3).
+    """(N,) weights in 0..1 with which particles are held by the vertices `pins` of rest (V, 3).
 
-    Firmly held are the nearest particle of each firm vertex and all within a grid cell of it; elsewhere a particle takes the weight of its
+    The particle nearest to a firm vertex, and all within a grid cell of it, are held firmly; any other particle takes the weight of its
     nearest vertex.
     """
     hold = np.zeros(len(particles.x))
@@ -140,20 +141,24 @@ def hold_of(rest: np.ndarray, pins: np.ndarray, weights: np.ndarray, particles: 
 
 
 def pull_back(offset: np.ndarray, v: np.ndarray, acceleration: np.ndarray, weight: np.ndarray, frame_dt: float) -> np.ndarray:
-    """Acceleration (N, 3) [m/s²], held over a frame, that draws particles back to their places like a spring.
+    """Acceleration (N, 3) [m/s²], constant over a frame, that pulls particles back to their places like a spring.
 
-    The spring's angular frequency is omega = SOFT sqrt(w / (1 - w)), its pull that of the frame's end (implicit Euler): it never overshoots
-    at any frame rate, and for w towards 1 the particle ends the frame at its place.
+    The spring's angular frequency is omega = SOFT sqrt(w / (1 - w)), and its pull is that at the end of the frame (implicit Euler): it does
+    not overshoot at any frame rate, and for w towards 1 the particle is at its place when the frame ends.
 
     Args:
-        offset: (N, 3) from the places [m]; v: (N, 3) [m/s]; acceleration: (N, 3) by everything else that is known [m/s²]; weight: (N,).
+        offset: (N, 3) displacement from the places [m].
+        v: (N, 3) velocity [m/s].
+        acceleration: (N, 3) acceleration by everything else that is known [m/s²].
+        weight: (N,) w, in 0..1.
+        frame_dt: duration of the frame [s].
     """
     squared = SOFT**2 * weight / np.maximum(1.0 - weight, 1e-6)
     return -(squared / (1.0 + squared * frame_dt**2))[:, None] * (offset + frame_dt * v + frame_dt**2 * acceleration)
 
 
 def particles_at(vertices: np.ndarray, particles: Particles) -> np.ndarray:
-    """(N,) bool: the particles that hold vertices (P, 3): the nearest of each, and all within a grid cell."""
+    """(N,) bool: the particles that hold vertices (P, 3) [m]: the nearest to each vertex, and all within a grid cell of it."""
     tree = cKDTree(particles.x)
     held = np.zeros(len(particles.x), dtype=bool)
     held[tree.query(vertices)[1]] = True
@@ -162,10 +167,10 @@ def particles_at(vertices: np.ndarray, particles: Particles) -> np.ndarray:
 
 
 def ride(vertices: np.ndarray, particles: Particles, pins: np.ndarray) -> Rider:
-    """Attach vertices (V, 3) to particles, the vertices `pins` to pinned particles alone.
+    """Attach vertices (V, 3) [m] to particles, and the vertices `pins` to pinned particles only.
 
-    Elsewhere a vertex rides on its neighbours by affine moving least squares; at a pin some of those may be free, and their motion would
-    draw the vertex along.
+    Any other vertex rides on its neighbours by affine moving least squares. At a pin some of the neighbours may be free, and would pull the
+    vertex away.
     """
     attachment = attach(vertices, particles.x)
     if len(pins):

@@ -1,4 +1,4 @@
-"""Open meshes of thin materials as shells: what becomes one, and how it moves."""
+"""Open meshes of thin materials as shells: which bodies become shells, and their simulation."""
 
 from __future__ import annotations
 
@@ -35,38 +35,38 @@ class Hanging:
     edit: BodyEdit
     shell: Shell
     velocity: np.ndarray
-    """(3,) or (V, 3) [m/s] when it starts."""
+    """(3,) or (V, 3) velocity when it starts [m/s]."""
     vertex: np.ndarray
-    """(W,) which vertex, of the shell or of the sheet that rides on it, each of the mesh's is: those at the same place are one."""
+    """(W,) for each vertex of the mesh, its vertex in the shell, or in the sheet that rides on it; vertices at the same place are one."""
     triangles: np.ndarray
-    """(M, 3) of the mesh."""
+    """(M, 3) triangles of the mesh."""
     path: np.ndarray | None = None
-    """(T+1, P, 3) [m] which way the pinned vertices go, if they do not keep their places."""
+    """(T+1, P, 3) path of the pinned vertices [m]; None if they keep their places."""
     ridden: Ridden | None = None
-    """For a preview: the shell is coarser than the mesh, whose vertices ride on it."""
+    """For a preview in which the shell is coarser than the mesh: how the mesh's vertices ride on it."""
 
     @property
     def notes(self) -> list[str]:
-        """What the user should know."""
+        """Notes for the user."""
         area = float(self.shell.surface.area.sum())
         said = [f"simulated as a shell of {weight_in_words(float(self.shell.mass.sum()) / area, area)} in all"]
         if self.ridden is not None:
             said.append(
-                f"a preview with {len(self.ridden.used)} of its {len(self.ridden.corners)} vertices: where cloth flutters it soon goes its "
-                "own way, by half its way and more within a second, so do not judge single folds by it"
+                f"a preview with {len(self.ridden.used)} of its {len(self.ridden.corners)} vertices: fluttering cloth soon moves "
+                "differently from the full result, within a second by half its motion and more, so do not judge single folds by it"
             )
         return said
 
     def follow(self, x: np.ndarray) -> np.ndarray:
-        """Places (T+1, W, 3) of the mesh's vertices where the shell's are at x (T+1, V, 3) [m]."""
+        """Positions (T+1, W, 3) [m] of the mesh's vertices for those of the shell at x (T+1, V, 3) [m]."""
         return (x if self.ridden is None else self.ridden.follow(x))[:, self.vertex]
 
 
 def is_shell(body: BodyEdit, vertices: np.ndarray, triangles: np.ndarray) -> bool:
-    """Whether a body is simulated as a shell: as it says, else if its material comes as a sheet and its mesh is open and encloses nothing.
+    """Whether a body is simulated as a shell: as the edit states, else if its material is known as a sheet and its mesh encloses nothing.
 
     Raises:
-        UsageError: numbers that only a shell has, of a body that is none.
+        UsageError: for numbers that only a shell has, given for a body that is not a shell.
     """
     if body.shell is not None:
         shell = body.shell
@@ -79,7 +79,7 @@ def is_shell(body: BodyEdit, vertices: np.ndarray, triangles: np.ndarray) -> boo
     given = [name for name in SHEET_UNITS if getattr(body, name) is not None]
     if given and not shell:
         raise UsageError(
-            f"{body.name}: {' and '.join(given)} is given, but it is no shell: its mesh is closed, or its material is no sheet.",
+            f"{body.name}: {' and '.join(given)} is given, but it is no shell: its mesh is closed, or its material is not a sheet.",
             "Leave it out, or set shell = true.",
         )
     return shell
@@ -88,10 +88,10 @@ def is_shell(body: BodyEdit, vertices: np.ndarray, triangles: np.ndarray) -> boo
 def enter(
     body: BodyEdit, vertices: np.ndarray, triangles: np.ndarray, base_dir: Path, frames: int, coarseness: float = 1.0
 ) -> Hanging:
-    """The shell of a body, in a field of so many frames; above a coarseness of 1 with fewer vertices than its mesh.
+    """The shell of a body, in a field of `frames` frames; with a coarseness above 1 it has fewer vertices than its mesh.
 
     Raises:
-        UsageError: a mesh that is no sheet, see `shell.surface_of`; a material without the numbers of a sheet.
+        UsageError: for a mesh that is not a sheet, see `shell.surface_of`, or a material without the numbers of a sheet.
     """
     sewn = weld(vertices, triangles)
     used, first, vertex = np.unique(weld(vertices, np.arange(len(vertices))), return_index=True, return_inverse=True)
@@ -125,10 +125,10 @@ def enter(
 
 
 def enter_recovered(body: BodyEdit, filmed: Body, recovery: Recovery, base_dir: Path) -> Hanging:
-    """The clip's own sheet, as it was filmed but for what the edit changes; what held it holds it still, unless it is freed.
+    """The clip's own sheet with the changes of the edit. What was held in the clip is held still, unless the edit frees it.
 
     Raises:
-        UsageError: pins that it does not have; a solid.
+        UsageError: for pins that the sheet does not have, or an edit that asks for a solid.
     """
     if body.shell is False:
         raise UsageError(f"{body.name}: the recovered object is a sheet.", "Leave shell = false out, or give a mesh.")
@@ -150,12 +150,12 @@ def enter_recovered(body: BodyEdit, filmed: Body, recovery: Recovery, base_dir: 
 
 
 def sheet_of(body: BodyEdit, area: float, filmed: Sheet | None = None) -> Sheet:
-    """The sheet of a body whose mesh has an area [m²]: the material's or the filmed one, with what the body says of its own.
+    """The sheet of a body whose mesh has the given area [m²]: that of the material, or the filmed one, with the body's own numbers.
 
-    A density or a mass gives the areal density; Young's modulus, as of a homogeneous plate, both stiffnesses.
+    A density or a mass determines the areal density; Young's modulus determines both stiffnesses, as for a homogeneous plate.
 
     Raises:
-        UsageError: numbers that are missing; a plastic law. MaterialError: numbers that are not physical.
+        UsageError: for missing numbers, or a plastic law. MaterialError: for numbers that are not physical.
     """
     material = find(body.material or DEFAULT) if filmed is None else filmed.as_solid("the recovered object")
     if (body.law or material.law) in PLASTIC_LAWS or body.yield_stress is not None:
@@ -184,21 +184,21 @@ def sheet_of(body: BodyEdit, area: float, filmed: Sheet | None = None) -> Sheet:
 
 
 def push_of_field(shell: Shell, force: np.ndarray, gradient: np.ndarray, x: np.ndarray) -> Load:
-    """A field's load during a frame: force density (V, 3) [N/m³] and its gradient (V, 3, 3) at x (V, 3) [m] when the frame begins.
+    """A field's load during a frame, from force density (V, 3) [N/m³] and gradient (V, 3, 3) [N/m⁴] at x (V, 3) [m] at the frame's start.
 
-    The field is what moved the filmed body, per volume; on a sheet it acts on as much volume as the sheet has.
+    The field is a force per volume of the filmed body; on a sheet it acts on the sheet's own volume.
     """
     volume = (shell.mass / shell.sheet.areal_density * shell.sheet.thickness)[:, None]
     return lambda now, v, frame: (volume * (force + np.einsum("vij,vj->vi", gradient, now - x)), None)
 
 
 def push_of_wind(shell: Shell, wind: np.ndarray) -> Load:
-    """The drag of air that has the velocity `wind` (V, 3) [m/s] at the vertices during a frame (`wind.drag`)."""
+    """The drag during a frame of air with the velocity `wind` (V, 3) [m/s] at the vertices (`wind.drag`)."""
     return lambda now, v, frame: vertex_drag(wind, now, v, shell.surface.faces)
 
 
 def and_further(load: Load, shell: Shell, push: Push) -> Load:
-    """A load, and further forces during a frame, as at its start but for the velocity: each vertex has its share of the mass."""
+    """A load plus further forces, which during the frame change with the velocity only; each vertex gets its share by mass."""
     share = shell.mass / shell.mass.sum()
 
     def both(now: np.ndarray, v: np.ndarray, frame: int) -> tuple[np.ndarray, np.ndarray | None]:

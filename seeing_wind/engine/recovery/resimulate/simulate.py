@@ -1,4 +1,4 @@
-"""An edit becomes motion: every body of it simulated in a recovered field."""
+"""Re-simulation: every body of an edit, simulated in a recovered field."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ from .obstacles import colliders_of
 from .pins import pull_back
 
 MAX_SUBSTEPS = 500
-"""Per frame: what a recovery affords itself for a held body, for what was recovered must be as stiff here."""
+"""Most substeps per frame: as many as a recovery allows for a held body, which must be as stiff here as there."""
 
 MOST_PREROLL = 1000
-"""Frames."""
+"""Longest preroll [frames]."""
 TORN = 2.0
-"""Stretch of an edge beyond which particles have parted: the solver has no model of fracture, but its particles lose touch."""
+"""Stretch of an edge beyond which the body may have torn: the solver has no model of fracture, but its particles lose contact."""
 
 
 @dataclass(frozen=True)
@@ -47,15 +47,15 @@ class Simulated:
     """One body after the simulation."""
 
     vertices: np.ndarray
-    """(T+1, V, 3) [m]."""
+    """(T+1, V, 3) path of the mesh's vertices [m]."""
     triangles: np.ndarray
     """(M, 3) int32."""
     particles: int
-    """How many particles stood for it; of a shell, vertices."""
+    """Number of particles that represented the body; for a shell, number of vertices."""
     notes: list[str]
-    """What the user should know."""
+    """Notes for the user."""
     shell: bool = False
-    """Whether its own vertices were simulated, as a shell's: then nothing rides on particles."""
+    """Whether the body was simulated as a shell, with its own vertices, which do not ride on particles."""
 
 
 def simulate_bodies(
@@ -67,23 +67,25 @@ def simulate_bodies(
     *,
     journal: Journal = Journal(),
 ) -> dict[str, Simulated]:
-    """Move every body of `edit` through `field` for all the frames that it knows.
+    """Move every body of `edit` through `field`, for all frames of the field unless the edit asks for fewer.
 
-    In a force a particle feels strength f(x, t) / (rho mass_scale), asked at the frame's start and held over the frame, its gradient within
-    the particle's cell, the edit's gravity, its further forces and the pull of soft pins. In a wind (`field.kind`) it is the mesh that
-    feels the air, see `wind.motion`. Outside its box the field goes on as at the nearest place of the box, as far as the edit lets it.
+    In a force field the acceleration of a particle is strength f(x, t) / (rho mass_scale), evaluated at the start of the frame and held
+    over it, with its gradient within the particle's cell, plus the edit's gravity, its further forces and the pull of soft pins. In a wind
+    (`field.kind`) the air acts on the body's mesh, see `wind.motion`. Outside its box the field continues as at the nearest place of the
+    box, as far as the edit allows. With a preroll the bodies of meshes move for that many frames before the clip, in the field of the
+    clip's first frame; the result does not include these frames. With a coarseness above one, or fewer frames than the field has, the
+    result is a preview; its notes say which bodies are finer than asked for.
 
     Args:
         recovered: the clip's own object and its recovery, for a body whose mesh is "recovered".
-        base_dir: folder against which the edit's paths are understood.
-        journal: keeps how far the frames have come; its stamp must tell the field.
+        base_dir: folder to which the edit's paths are relative.
+        journal: keeps the frames simulated so far; its stamp must depend on the field.
 
-    With a preroll the bodies of meshes move for so many frames before the clip, in its first frame's field, and what they do then is left
-    out of the result. With a coarseness above one, or fewer frames than the field has, it is a preview; its notes say what kept finer.
+    Returns: the simulated bodies by name, in the order of the edit.
 
     Raises:
-        UsageError: a mesh, a list of pins, a start frame, forces or a strength that do not fit; MaterialError: an unknown material.
-        SimulationError: the motion broke; the message names the body.
+        UsageError: for a mesh, pins, a start frame, forces or a strength that do not fit. MaterialError: for an unknown material.
+        SimulationError: when the simulation breaks down; the message names the body.
     """
     if not edit.body:
         raise UsageError("The edit has no body.", "Add one with a name and a mesh.")
@@ -125,7 +127,7 @@ def simulate_bodies(
 
 
 def _early(one: Actor | sheets.Hanging, lead: int) -> Actor | sheets.Hanging:
-    """A body that begins `lead` frames before the clip; the clip's own object, and one that starts later, wait for their frame."""
+    """The body in a simulation that begins `lead` frames early; the clip's own object and one with a later start frame wait."""
     waits = one.edit.mesh == "recovered" or one.edit.start_frame > 0
     edit = dataclasses.replace(one.edit, start_frame=one.edit.start_frame + lead * waits)
     path = None if one.path is None else np.concatenate([np.repeat(one.path[:1], lead, axis=0), one.path])
@@ -136,7 +138,7 @@ def _move_group(
     group: Sequence[Actor | sheets.Hanging], around: Surroundings, edit: Edit, progress: Progress, share: tuple[float, float],
     journal: Journal,
 ) -> list[tuple[Actor | sheets.Hanging, Simulated, np.ndarray]]:  # fmt: skip
-    """Each of a group with its motion, and the path (T+1, N, 3) of what stands for it: particles of a solid, vertices of a shell."""
+    """Each body of a group with its motion, and the path (T+1, N, 3) [m] of a solid's particles or a shell's vertices."""
     moved: list[tuple[Actor | sheets.Hanging, Simulated, np.ndarray]] = []
     solids = [actor for actor in group if isinstance(actor, Actor)]
     if solids:
@@ -169,7 +171,7 @@ def _strengths(strength: float | tuple[float, ...], frames: int) -> np.ndarray:
 def _move(
     actors: Sequence[Actor], around: Surroundings, progress: Progress, begun: float, share: float, journal: Journal
 ) -> tuple[list[np.ndarray], list[str]]:
-    """Simulate actors that share a grid. Returns positions (T+1, N, 3) of each, and notes on the solver's choices."""
+    """Simulate actors that share a grid. Returns the positions (T+1, N, 3) [m] of each, and notes on the solver's choices."""
     ends = np.cumsum([len(actor.particles.x) for actor in actors])
     slices = [slice(end - len(actor.particles.x), end) for actor, end in zip(actors, ends)]
     density = np.concatenate([np.full(len(a.particles.x), a.material.density * a.edit.mass_scale) for a in actors])
@@ -208,27 +210,27 @@ def _move(
 
 @dataclass(frozen=True)
 class _Further:
-    """What acts on particles beside the field and gravity: the edit's further forces, and soft pins."""
+    """What acts on particles in addition to the field and gravity: the edit's further forces, and soft pins."""
 
     around: Surroundings
     places: np.ndarray
-    """(N, 3) to which soft pins draw [m]."""
+    """(N, 3) places to which soft pins pull [m]."""
     soft: np.ndarray
-    """(N,) their weights."""
+    """(N,) weights of the soft pins."""
     whole: np.ndarray
     """(N,) mass of the body to which a particle belongs [kg]."""
     borne: np.ndarray
-    """(N, 3) gravity that a body bears as it stands [m/s²]."""
+    """(N, 3) gravity that the particle's body already bears in its initial shape [m/s²]."""
 
     @classmethod
     def of(cls, actors: Sequence[Actor], around: Surroundings, x: np.ndarray) -> _Further:
-        """For actors whose particles are at x (N, 3) [m]."""
+        """The further effects on actors whose particles are at x (N, 3) [m] at rest."""
         whole = [np.full(len(a.particles.x), a.particles.volume.sum() * a.material.density * a.edit.mass_scale) for a in actors]
         borne = np.concatenate([np.broadcast_to(actor.borne, actor.particles.x.shape) for actor in actors])
         return cls(around, x, np.concatenate([actor.soft for actor in actors]), np.concatenate(whole), borne)
 
     def added(self, frame: int, state: State, acceleration: np.ndarray, duration: float) -> np.ndarray:
-        """An acceleration (N, 3) [m/s²], held for a duration [s], with all that is added to it."""
+        """The given acceleration (N, 3) [m/s²] with all further effects added, constant over a `duration` [s]."""
         acceleration = acceleration - self.borne
         if self.around.forces is not None:
             push = self.around.forces.at(state.x, frame)
@@ -237,7 +239,7 @@ class _Further:
 
 
 def _surface(actor: Actor) -> BodySurface:
-    """The actor's mesh, as the air sees it: a sheet where it is open."""
+    """The actor's mesh as the surface on which the air acts: a closed body, or a sheet if the mesh is open."""
     rider = actor.rider
     closed = is_closed(weld(rider.rest, actor.triangles))
     return mesh_surface(rider.rest, actor.triangles, rider.attachment, rider.particles_rest, closed)
@@ -248,13 +250,13 @@ def _so_far(history: list[np.ndarray], state: State) -> Arrays:
 
 
 def _model(actors: Sequence[Actor], frame: int, around: Surroundings) -> tuple[Model, list[str]]:
-    """The solver's model while all bodies that start after `frame` are held."""
+    """The solver's model with all bodies that start after `frame` held, and notes on the solver's choices."""
     particles = [dataclasses.replace(actor.particles, pinned=actor.particles.pinned | (actor.edit.start_frame > frame)) for actor in actors]
     fps, walls = around.field.fps, [one.path for one in around.colliders if isinstance(one, MeshCollider)]
     ways = [np.diff(path, axis=0) * fps for path in (*(actor.path for actor in actors), *walls) if path is not None]
     fastest = max(float(np.linalg.norm(v, axis=-1).max()) for v in (*(actor.velocity for actor in actors), *ways))
     speed = max(5.0, 1.5 * fastest)
-    coarser = min(actor.coarser for actor in actors)  # as many cells a substep, and as much of a stiffness, as without it
+    coarser = min(actor.coarser for actor in actors)  # larger cells need fewer substeps for the same stiffness
     model, notes = model_for(
         particles, [a.material for a in actors], fps, gravity=around.gravity, mass_scale=[a.edit.mass_scale for a in actors], speed=speed,
         max_substeps=round(MAX_SUBSTEPS / coarser), least_substeps=math.ceil(max(actor.substeps for actor in actors) / coarser),
@@ -264,7 +266,7 @@ def _model(actors: Sequence[Actor], frame: int, around: Surroundings) -> tuple[M
 
 
 def _pin_path(actors: Sequence[Actor], particles: Sequence[Particles]) -> np.ndarray | None:
-    """(T+1, M, 3) [m] which way all that is pinned in `particles` goes; None where it stays."""
+    """Path (T+1, M, 3) [m] of all particles that are pinned in `particles`; None if all stay at their places."""
     frames = next((len(actor.path) for actor in actors if actor.path is not None), 0)
     if not frames:
         return None
@@ -273,7 +275,7 @@ def _pin_path(actors: Sequence[Actor], particles: Sequence[Particles]) -> np.nda
 
 
 def _release(state: State, actors: Sequence[Actor], slices: Sequence[slice], frame: int) -> State:
-    """The state with the velocity of every body that starts now."""
+    """The state with the initial velocity of every body that starts in this frame."""
     v = state.v.copy()
     for actor, part in zip(actors, slices):
         if actor.edit.start_frame == frame:
@@ -283,14 +285,14 @@ def _release(state: State, actors: Sequence[Actor], slices: Sequence[slice], fra
 
 def _short_note(asked: int | None, frames: int) -> list[str]:
     """A note if more frames were asked for than a field has."""
-    return [f"frames is {asked}, but the field has {frames}: so many are simulated"] if asked is not None and asked > frames else []
+    return [f"frames is {asked}, but the field has {frames}: only these are simulated"] if asked is not None and asked > frames else []
 
 
 def _torn_note(vertices: np.ndarray, triangles: np.ndarray, lead: int) -> list[str]:
-    """A note if an edge of the surface grew to more than `TORN` times its length. vertices (lead + T + 1, V, 3) [m]."""
+    """A note if an edge of the surface grew to more than `TORN` times its length; vertices: (lead + T + 1, V, 3) [m]."""
     edges = np.unique(np.sort(np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1), axis=0)
     length = np.linalg.norm(vertices[:, edges[:, 0]] - vertices[:, edges[:, 1]], axis=-1)
-    # Against the median as well: an edge of no length is no sign of a tear.
+    # The median sets a lower bound: an edge that starts with almost no length would look torn.
     worst = (length / np.maximum(length[0], 0.25 * np.median(length[0]))).max(axis=1)
     if worst.max() <= TORN:
         return []

@@ -1,7 +1,7 @@
 """The inside of a surface that is not a proper solid: faces the wrong way round, edges with three faces, walls inside, small holes.
 
-The surface is drawn into voxels and the outside is flooded; what the flood does not reach is inside. Of an open sheet or an open bowl
-nothing is inside, as it should be.
+The surface is drawn into voxels and the outside is flooded; what the flood does not reach is inside. An open sheet or an open bowl has
+no inside, as it should be.
 """
 
 from __future__ import annotations
@@ -16,30 +16,30 @@ from ...mpm.lattice.closed_mesh import dots_on, triangle_areas
 CELLS = 96
 """Voxels along the longest side: a hole under a hundredth of the mesh is closed, and a million voxels take a tenth of a second."""
 _CLOSING = (0, 1)
-"""Voxels by which the walls are thickened until something is inside: holes of up to three voxels are closed."""
+"""Voxels by which the walls are thickened, tried in turn until something is inside: this closes holes of up to three voxels."""
 _THICK = 4.0
-"""Voxels that the inside must measure across on average to count: less is a fold in a sheet."""
+"""Least mean thickness of the inside [voxels]: a thinner one is a fold in a sheet."""
 
 
 @dataclass(frozen=True)
 class Room:
-    """What a surface encloses."""
+    """The inside of a surface, in voxels."""
 
     low: np.ndarray
     """(3,) corner of the voxel (0, 0, 0) [m]."""
     size: float
-    """Of a voxel [m]."""
+    """Edge length of a voxel [m]."""
     inside: np.ndarray
     """(A, B, C) bool."""
     volume: float
-    """[m³]; voxels in which the surface lies count half."""
+    """Volume of the inside [m³]; voxels that contain the surface count half."""
 
     def contains(self, points: np.ndarray) -> np.ndarray:
-        """(P,) bool of points (P, 3) [m]."""
+        """(P,) bool: whether points (P, 3) [m] are inside."""
         return self._at(self.inside, points)
 
     def borders(self, points: np.ndarray) -> np.ndarray:
-        """(P,) bool: the points of the surface that have the inside next to them."""
+        """(P,) bool: whether points (P, 3) [m] of the surface border on the inside."""
         return self._at(binary_dilation(self.inside, np.ones((3, 3, 3)), iterations=2), points)
 
     def _at(self, voxels: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -49,16 +49,16 @@ class Room:
 
 
 def enclosed_room(vertices: np.ndarray, triangles: np.ndarray) -> Room | None:
-    """What a triangle surface encloses, None for next to nothing.
+    """The inside of a triangle surface; None if it encloses next to nothing.
 
     Args:
-        vertices: (V, 3) [m]; triangles: (M, 3), wound in any way.
+        vertices: (V, 3) [m]; triangles: (M, 3), with any winding.
     """
     corners = vertices[triangles]
     size = float(np.ptp(corners.reshape(-1, 3), axis=0).max()) / CELLS
     if size <= 0.0:
         return None
-    # a margin for the flood, and one more for thickened walls
+    # A margin for the flood, and another one for thickened walls.
     low = corners.reshape(-1, 3).min(axis=0) - 3.5 * size
     shape = np.ceil((corners.reshape(-1, 3).max(axis=0) - low) / size).astype(int) + 4
     walls = np.zeros(shape, dtype=bool)

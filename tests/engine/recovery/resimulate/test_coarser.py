@@ -145,6 +145,6 @@ def test_only_the_frames_that_are_asked_for(folder):
     for name in full:
         np.testing.assert_array_equal(some[name].vertices, full[name].vertices[:4])
         assert len(more[name].vertices) == FRAMES + 1
-        said = f"frames is {FRAMES + 5}, but the field has {FRAMES}: so many are simulated"
+        said = f"frames is {FRAMES + 5}, but the field has {FRAMES}: only these are simulated"
         assert said in more[name].notes and said not in full[name].notes
     np.testing.assert_array_equal(run(folder, box, frames=3, preroll=2)["box"].vertices, run(folder, box, preroll=2)["box"].vertices[:4])

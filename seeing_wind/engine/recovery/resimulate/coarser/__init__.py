@@ -1,7 +1,7 @@
-"""Less to simulate than in the full result, for a preview.
+"""Coarser bodies than in the full result, for a preview.
 
-    solid.py   fewer particles
-    sheet.py   a mesh of fewer vertices, and the full one that rides on it
+    solid.py   fewer particles for a mesh
+    sheet.py   a sheet with fewer vertices, on which the full one rides
 """
 
 from .sheet import Ridden, coarser_sheet

@@ -1,6 +1,6 @@
-"""Fewer vertices for a sheet than in the full result, for a preview: half edges collapse, the shortest first (Hoppe 1996).
+"""Fewer vertices for a sheet than in the full result, for a preview, by half-edge collapses, shortest edges first (Hoppe 1996).
 
-The vertices that are left keep their places, so that pins stay what they are; the others ride on the coarser faces.
+The remaining vertices keep their places, so that pins stay valid; the others ride on the coarser faces.
 """
 
 from __future__ import annotations
@@ -13,36 +13,36 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 FEWEST = 60
-"""Vertices below which a sheet is quick as it is."""
+"""A sheet is not reduced below this number of vertices, with which it is fast."""
 STRAIGHT = 0.85
-"""Cosine of how far a border may turn at a vertex that goes: a sheet keeps its corners."""
+"""Cosine of the largest angle by which a border may turn at a vertex that is removed, so that a sheet keeps its corners."""
 TURNED = 0.7
-"""Cosine of how far a face may turn when a corner of it moves."""
+"""Cosine of the largest angle by which a face may turn when one of its corners moves."""
 SLIVER = 0.1
-"""Area of a face over its longest edge squared below which it is too thin: 0.43 is the best, 0.25 that of a square's half."""
+"""Smallest ratio of a face's area to its longest edge squared: the best is 0.43, half a square has 0.25."""
 STRETCHED = 1.5
-"""Of the wanted length, at most, is an edge: else some collapse again and again where others are left."""
+"""Largest length of an edge, relative to the wanted length: without a limit, some edges would grow while others stay short."""
 NEAR = 12
-"""Faces with the nearest middles, among which that below a vertex is sought."""
+"""Number of faces with the nearest centres that are searched for the face below a vertex."""
 
 
 @dataclass(frozen=True)
 class Ridden:
-    """A coarser sheet, and how the vertices of the full one ride on it."""
+    """A coarser sheet, and how the vertices of the full sheet ride on it."""
 
     used: np.ndarray
-    """(U,) vertices of the full sheet that it has."""
+    """(U,) indices of the full sheet's vertices that remain."""
     faces: np.ndarray
-    """(G, 3) of its own vertices."""
+    """(G, 3) faces of the coarser sheet, as indices of its own vertices."""
     corners: np.ndarray
-    """(V, 3) those of its vertices that carry each of the full sheet's."""
+    """(V, 3) the three vertices of the coarser sheet that carry each vertex of the full one."""
     weights: np.ndarray
-    """(V, 3) their shares."""
+    """(V, 3) barycentric weights of these vertices."""
     above: np.ndarray
-    """(V,) how far off their plane it is, along the normal [m]."""
+    """(V,) distance of each vertex of the full sheet from the plane of the three, along the normal [m]."""
 
     def follow(self, x: np.ndarray) -> np.ndarray:
-        """Places (T+1, V, 3) of the full sheet's vertices where the coarser one's are at x (T+1, U, 3) [m]."""
+        """Positions (T+1, V, 3) [m] of the full sheet's vertices for those of the coarser sheet at x (T+1, U, 3) [m]."""
         found = np.empty((len(x), len(self.corners), 3))
         for now, place in zip(x, found):
             a, b, c = (now[self.corners[:, k]] for k in range(3))
@@ -53,11 +53,11 @@ class Ridden:
 
 
 def coarser_sheet(x: np.ndarray, faces: np.ndarray, held: np.ndarray, coarseness: float) -> Ridden | None:
-    """A sheet with edges about `coarseness` times as long; None where it has few vertices as it is.
+    """A sheet with edges about `coarseness` times as long; None if it already has few vertices.
 
     Args:
-        x: (V, 3) at rest [m]; faces: (F, 3), each edge with one face or two, as of a `Surface`.
-        held: (V,) bool: such a vertex goes only into another one that is held.
+        x: (V, 3) vertices at rest [m]; faces: (F, 3), each edge with one face or two, as in a `Surface`.
+        held: (V,) bool: a held vertex collapses only into another held vertex.
         coarseness: 1 or more.
     """
     wanted = max(FEWEST, round(len(x) / coarseness**2))
@@ -72,7 +72,7 @@ Vector = tuple[float, float, float]
 
 
 class _Collapse:
-    """The mesh while edges of it collapse. In plain numbers: arrays of three take ten times as long."""
+    """The mesh while its edges collapse. It uses plain numbers, as NumPy arrays of three take ten times as long."""
 
     def __init__(self, x: np.ndarray, faces: np.ndarray, held: np.ndarray, coarseness: float) -> None:
         self.x: list[Vector] = [(a, b, c) for a, b, c in x.tolist()]
@@ -87,20 +87,20 @@ class _Collapse:
         self.vertices = len(x)
 
     def down_to(self, wanted: int) -> np.ndarray:
-        """Collapse edges until so many vertices are left, or none can go; the faces (G, 3) that are left."""
+        """Collapse edges until `wanted` vertices are left, or no edge can collapse. Returns the remaining faces (G, 3)."""
         queue = [(self._cost(v, u), v, u) for v in range(len(self.x)) for u in self._next_to(v)]
         heapq.heapify(queue)
         while queue and self.vertices > wanted:
             _, v, u = heapq.heappop(queue)
             if self.around[v] and self.around[v] & self.around[u] and self._may_go(v, u):
                 self._go(v, u)
-                for w in self._next_to(u):  # what could not go before may go now
+                for w in self._next_to(u):  # edges that could not collapse before may do so now
                     heapq.heappush(queue, (self._cost(u, w), u, w))
                     heapq.heappush(queue, (self._cost(w, u), w, u))
         return np.array([self.face[k] for k in sorted(self.face)])
 
     def _cost(self, v: int, u: int) -> float:
-        """Its length, and how many faces its end would have: six is a regular mesh."""
+        """Cost of collapsing an edge: its length, increased if the remaining vertex would not have six faces, as in a regular mesh."""
         crowd = len(self.around[v]) + len(self.around[u]) - 4
         return math.dist(self.x[v], self.x[u]) * (1.0 + 0.15 * abs(crowd - 6))
 
@@ -108,11 +108,11 @@ class _Collapse:
         return {w for k in self.around[v] for w in self.face[k]} - {v}
 
     def _rim(self, v: int) -> list[int]:
-        """Neighbours of a vertex along the border; none inside."""
+        """Neighbours of a vertex along the border; none for a vertex inside."""
         return [w for w in self._next_to(v) if len(self.around[v] & self.around[w]) == 1]
 
     def _may_go(self, v: int, u: int) -> bool:
-        """Whether v may go into its neighbour u, and a sheet of about the same shape is left."""
+        """Whether v may collapse into its neighbour u and leave a sheet of about the same shape."""
         if self.held[v] and not self.held[u]:
             return False
         rim = self._rim(v)
@@ -123,16 +123,16 @@ class _Collapse:
             if _dot(one, other) < STRAIGHT * math.hypot(*one) * math.hypot(*other):
                 return False
         shared = self.around[v] & self.around[u]
-        if len(self._next_to(v) & self._next_to(u)) != len(shared):  # or two faces would lie on one another
+        if len(self._next_to(v) & self._next_to(u)) != len(shared):  # otherwise two faces would coincide
             return False
         stay = [self.face[k] for k in self.around[v] - shared]
         if not stay:
             return False
-        # the corner that moves comes first, and the way round is kept
+        # The moving corner comes first, and the winding is kept.
         return all(self._alike(v, u, corners[k - 2], corners[k - 1]) for corners in stay for k in (corners.index(v),))
 
     def _alike(self, v: int, u: int, b: int, c: int) -> bool:
-        """Whether the face of v, b and c stays one of about the same plane with u in place of v."""
+        """Whether the face (v, b, c) keeps about its plane, and a fair shape, with u in place of v."""
         side = _way(self.x[b], self.x[c])
         was, now = (_cross(side, _way(self.x[b], self.x[w])) for w in (v, u))
         longest = max(math.hypot(*side), math.dist(self.x[u], self.x[b]), math.dist(self.x[u], self.x[c]))
@@ -166,7 +166,7 @@ def _cross(a: Vector, b: Vector) -> Vector:
 
 
 def _ride(x: np.ndarray, used: np.ndarray, faces: np.ndarray) -> Ridden:
-    """The vertices x (V, 3) of the full sheet, each on the nearest of the coarser faces (G, 3)."""
+    """Attach the vertices x (V, 3) [m] of the full sheet, each to the nearest of the coarser faces (G, 3)."""
     from trimesh.triangles import closest_point, points_to_barycentric
 
     corners = x[used][faces]

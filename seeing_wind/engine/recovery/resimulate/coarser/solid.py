@@ -1,8 +1,8 @@
-"""Fewer particles for a mesh than in the full result, for a preview: as few as leave it as large and as thick.
+"""Fewer particles for a mesh than in the full result, for a preview, as long as they take up about the same space.
 
-What matters for how a body bends is the room that its particles take up, which a lattice of another spacing changes in jumps. A rod of six
-particles across goes on with three, 2 % off in how far it bends; with five that take up a fifth more than its width it bends by a quarter
-less. So a coarser lattice counts only if it takes up as much room as the full one.
+How a body bends depends on the space that its particles take up, and this changes in jumps with the spacing of the lattice. With three
+particles across instead of six, a rod's bending is off by 2 %; with five that take up a fifth more than its width, it bends a quarter less.
+So a coarser lattice is used only if it takes up as much space as the full one.
 """
 
 from __future__ import annotations
@@ -14,25 +14,25 @@ import numpy as np
 from ..fill import Filling, fill
 
 STEP = 0.1
-"""Between two factors on the spacing that are tried."""
+"""Difference between consecutive factors on the spacing that are tried."""
 ALIKE = 0.1
-"""By which part the room that the particles take up may differ: about as much as the full result's own is off."""
+"""Largest relative difference in the space that the particles take up: about the error of the full result's own."""
 
 
 def fill_coarser(vertices: np.ndarray, triangles: np.ndarray, coarseness: float) -> tuple[Filling, float]:
     """Fill a mesh as `fill` does, with particles up to `coarseness` times as far apart.
 
-    An open surface keeps its particles, for it is as thick as two of them; so does a closed one that is thinner than they are.
+    An open surface keeps its particles, as it is as thick as two of them; so does a closed body that is thinner than its particles.
 
     Args:
         vertices: (V, 3) [m]; triangles: (M, 3).
         coarseness: 1 or more.
 
     Returns:
-        The particles, and the factor on their spacing that was reached. A note says where that is less than was asked for.
+        The particles, and the factor on their spacing that was reached; a note says if it is clearly less than was asked for.
 
     Raises:
-        UsageError: as `fill`.
+        UsageError: as in `fill`.
     """
     full = fill(vertices, triangles)
     if coarseness <= 1.0:
@@ -46,5 +46,5 @@ def fill_coarser(vertices: np.ndarray, triangles: np.ndarray, coarseness: float)
 
 
 def _room(filling: Filling) -> float:
-    """What the particles take up [m³], each a cube of its spacing."""
+    """Space that the particles take up, each a cube of one spacing [m³]."""
     return len(filling.particles.x) * filling.particles.spacing**3
