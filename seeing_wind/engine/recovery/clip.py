@@ -1,6 +1,6 @@
-"""A clip solved in blocks that overlap: the cost grows with its length, the memory of the solve does not.
+"""A clip solved in overlapping blocks: the cost grows with the clip's length, the memory of the solve does not.
 
-Each block starts from the state that the one before reached well before its end, and solves what lay after that once more.
+Each block starts from the state that the block before reached well before its end, and solves the frames after that state again.
 """
 
 from __future__ import annotations
@@ -47,15 +47,15 @@ from .targets.tracks import TrackChannels
 
 
 def still_frames(settings: RecoverSettings, frames: int, first_frame: int = 0) -> np.ndarray:
-    """(T,) bool, of a clip of T frames; `first_frame` is the number of the first one in what --still counts.
+    """(T,) bool: the frames that --still names, in a clip of T `frames`; `first_frame` is the number of the first one, as --still counts.
 
     Raises:
-        UsageError: when it lacks some of those that are said to be still, or has no others.
+        UsageError: if the clip lacks some of the frames named, or has no others.
     """
     still = np.zeros(frames, dtype=bool)
     if settings.still is not None:
         first, last = (number - first_frame for number in settings.still)
-        inside = 0 <= first < frames and last <= frames  # the last frame's number is taken for the frame before it
+        inside = 0 <= first < frames and last <= frames  # the number of the last image is taken for the interval before it
         still[max(first, 0) : last + 1] = True
         if not inside or still.all():
             used = f"{first_frame} to {first_frame + frames}"
@@ -69,26 +69,28 @@ def still_frames(settings: RecoverSettings, frames: int, first_frame: int = 0) -
 
 @dataclass(frozen=True)
 class Kept:
-    """What a block adds to the clip: the frames before the next one begins."""
+    """What a block contributes to the clip: its frames before the next block begins."""
 
     acceleration: np.ndarray
+    """(T, N, 3) acceleration by the force [m/s²]."""
     deviation: np.ndarray
+    """(T, N, 3) posterior standard deviation of the acceleration [m/s²]."""
     trajectory: Trajectory
-    """Up to the next block's first frame."""
+    """The motion up to the next block's first frame."""
     iterations: int
     converged: bool
     knot_spacing: float
-    """Frames."""
+    """Frames between knots."""
     stiffness: Stiffness
     wild: np.ndarray
     """(T,) bool, see `solve.block.Found`."""
     onward: Onward
-    """For the next block."""
+    """What the next block takes over."""
 
 
 @dataclass
 class Clip:
-    """A clip on its way to a recovery."""
+    """A clip with its body, targets and settings, from which a recovery is made."""
 
     particles: Particles
     model: Model
@@ -99,12 +101,12 @@ class Clip:
     journal: Journal
     notes: list[str]
     stiffness: Stiffness
-    """Free until a block told it."""
+    """Free until a block has determined it."""
     still: np.ndarray
     """(T,) bool: frames without a force."""
 
-    def solved(self) -> list[Kept]:
-        """The blocks one after the other."""
+    def solve_blocks(self) -> list[Kept]:
+        """Solve the blocks one after the other."""
         modes, weight = most_modes(self.particles), self.model.mass * ~self.particles.pinned
         basis = self._observable(spatial_basis(self.particles.x, weight, modes))
         expected = self._expected(len(basis.degree))
@@ -114,7 +116,7 @@ class Clip:
         while len(kept) < len(cuts):
             part = len(kept)
             begin, end = cuts[part]
-            # A later block that tells the stiffness sends the solve back to the first.
+            # If a later block determines the stiffness, the solve begins again with the first.
             share = (1.0 - done) / (len(cuts) - part + (len(cuts) if part and self.stiffness.free else 0))
 
             def tell(fraction: float, what: str, residual: float | None, part: int = part, at: float = done, share: float = share) -> None:
@@ -136,7 +138,7 @@ class Clip:
             done += share
             if self.stiffness.free:
                 self.stiffness = found.stiffness.settled() if found.stiffness.known else found.stiffness
-                if part and self.stiffness.known:  # it is one body through the whole clip, and the blocks so far were solved for another
+                if part and self.stiffness.known:  # the body is the same all through the clip, but the blocks so far had another stiffness
                     kept = []
                     continue
             if found.knot_spacing > PACE.knot and not part and found.acceleration.any():
@@ -158,27 +160,27 @@ class Clip:
         count = max(1, told_apart(self.objective.points() @ basis.phi, PRIOR.observable))
         if count < min(4, basis.phi.shape[1]):
             self.notes.append(
-                f"The observed points tell apart {count} of the force's modes over the body: its variation across the body is not known."
+                f"The observed points show only {count} of the force's modes over the body: its variation over the body is not known."
             )
         return basis.first(count)
 
     def _expected(self, modes: int) -> Expected:
-        """Sizes before anything is solved: of the field, what was observed or what holds gravity up; of the initial velocity."""
+        """Expected sizes before the solve: of the field, from the observed acceleration and gravity, and of the initial velocity."""
         observed = max(one.acceleration(self.particles.x, self.fps) for one in self.objective.channels)
         size = float(np.hypot(observed, np.linalg.norm(self.settings.gravity))) or 1e-3
         component = self._first_component(modes)
         speed = max([PRIOR.slowest, *(one.speed(self.particles.x, self.fps) for one in self.objective.channels)])
-        axes = np.sqrt(np.diag(component))  # uniform x y z, then the spins round x y z
+        axes = np.sqrt(np.diag(component))  # uniform along x, y, z, then spins about x, y, z
         first = speed * np.resize(axes, 3 if self.particles.pinned.any() else 6)
         if modes == 1:
             first[3:] *= PRIOR.unseen_spin
         return Expected(size, first, component)
 
     def _first_component(self, modes: int) -> np.ndarray:
-        """(3, 3) covariance of the force's components before anything is learnt: round, but flat along what the data cannot show.
+        """Initial covariance (3, 3) of the force's components: isotropic, but small along the direction that the data cannot show.
 
-        That is a held body's axis, and the view of one camera that sees a body as a mere point: no change of size tells its depth. The
-        camera's axis, not the ray to the body, which turns as the body crosses the frame: the scale is that of a plane of the frame.
+        That is a held body's axis, or the view of a single camera that sees the body as a point, whose depth no change of size shows. The
+        view is the camera's axis, not the ray to the body, which turns as the body crosses the frame: the scale is that of a plane.
         """
         pinned, channels = self.particles.pinned, self.objective.channels
         axis, shrink = held_axis(self.particles.x, pinned) if pinned.any() else None, PRIOR.axial_shrink
@@ -188,7 +190,7 @@ class Clip:
         return np.eye(3) if axis is None else np.eye(3) - (1.0 - shrink**2) * np.outer(axis, axis)
 
     def result(self, kept: list[Kept], material: Material, views: int, began: float) -> Recovery:
-        """What the blocks add up to."""
+        """The recovery of the whole clip from its blocks. Raises ObjectError when the simulation does not follow points in 3D."""
         x = np.concatenate([one.trajectory.x[:-1] for one in kept] + [kept[-1].trajectory.x[-1:]])
         F = np.concatenate([one.trajectory.F[:-1] for one in kept] + [kept[-1].trajectory.F[-1:]])
         acceleration = np.concatenate([one.acceleration for one in kept])
@@ -230,11 +232,10 @@ class Clip:
         views: int,
         wild: np.ndarray,
     ) -> bool:
-        """Note what the motion x (T+1, N, 3) [m] from v0 (N, 3) [m/s] on and the acceleration (T, N, 3) [m/s²] do not tell, the worst
-        first.
+        """Add notes, the worst first, on what is doubtful in a motion x (T+1, N, 3) [m] with the initial velocity v0 (N, 3) [m/s] and an
+        acceleration (T, N, 3) [m/s²].
 
-        Returns:
-            Whether the force is only what holds the body up against gravity.
+        Returns: whether the force is only the reaction that holds the body up against gravity.
 
         Raises:
             ObjectError: as `verdict`.
@@ -257,7 +258,7 @@ class Clip:
         return bool(held_up)
 
     def _stiffness_remark(self, material: Material) -> list[str]:
-        """What the motion tells of the stiffness, beside what was given: another clip's, or the material's, not as far softened."""
+        """Notes on the stiffness, compared with the one given: that of another clip, or of the material before it was softened."""
         if not self.stiffness.known:
             return remark(self.stiffness, self.model, self.particles)
         given = float(self.stiffness.expected[0]) or math.log(material.youngs_modulus / youngs_modulus(self.model, self.particles))
@@ -265,23 +266,23 @@ class Clip:
         return remark(beside, stiffer(self.model, math.exp(given)), self.particles)
 
     def _deviation(self, posterior: np.ndarray, x: np.ndarray, acceleration: np.ndarray, held_up: bool) -> np.ndarray:
-        """(T, N, 3) of the acceleration [m/s²]: the posterior's, what the motion misses, what nobody saw, and gravity where only that is
-        answered."""
+        """(T, N, 3) standard deviation of the acceleration [m/s²]: the posterior's, plus the misfit of 3D points, a guess for frames in
+        which nothing that moves freely is seen, and gravity if the force only holds the body up."""
         unseen = np.where(self.still, 0.0, unseen_guess(acceleration, self.objective.shown(self.particles.pinned)))
         deviation = np.hypot(posterior, unseen[:, None, None])
         for one in self.objective.channels:
             if isinstance(one, PointChannels):
                 missed = np.where(self.still, 0.0, missed_acceleration(one.targets, x, self.fps))
                 deviation = np.hypot(deviation, missed[:, None, None])
-        if held_up:  # how much of the force is what holds the body up the clip does not tell
+        if held_up:  # the clip does not show how much of the force is the reaction to gravity
             deviation = np.hypot(deviation, np.linalg.norm(self.settings.gravity))
         return deviation
 
 
 def _solved(solver: BlockSolver, frames: int) -> Kept:
-    """The first frames of a block's solution, with the posterior deviation."""
+    """Solve a block, and keep the first `frames` of its solution, with the posterior deviation."""
     found = solver.run()
-    # What was only assumed of stretch is not known: the deviation leaves that assumption out.
+    # The stretch penalty is an assumption, not knowledge, so the deviation does not include it.
     covariance = covariance_with(found.last.point.normal + replace(found.prior, stretch=None).precision(), found.joint)
     path, acceleration = found.trajectory, found.forward.acceleration(found.last.theta)[:frames]
     deviation = posterior_deviation(found.forward, covariance)[:frames]

@@ -1,14 +1,14 @@
-"""How long a solve takes on this machine, told before it begins: the work that is to be expected, times the speed of the kernels here.
+"""An estimate, before a solve begins, of how long it will take on this machine: the expected work times the speed of the kernels.
 
     seconds = OTHER (copies * c + bases * b + changes * d)        each count in particles times substeps
 
-A *copy* is one simulation among several, a *base* one that is kept and linearised so that changes can be carried along it, a *change*
-one direction so carried; c, b and d [s] are measured by a short run of the kernels and kept beside them. How often the solve does each is
-foreseen from its schedule (`solve.block`, `solve.first_field`, `solve.onward`), of which a usual clip takes the part that `Usual` says.
-Few clips are far from it; a body that strays and is followed again takes several times as long, and a force that needs a knot in every
-frame up to twice as long, and nobody knows before.
+A *copy* is one of several simulations run together; a *base* is a simulation that is kept and linearised so that tangents can be carried
+along it; a *change* is one such tangent. c, b and d [s] are measured by a short run of the kernels and stored beside these. The counts are
+estimated from the schedule of the solve (`solve.block`, `solve.first_field`, `solve.onward`) and from what a block usually needs (`Usual`).
+Few clips need much more. But a body that strays and is followed again takes several times as long, and a force that needs a knot in every
+frame up to twice as long, and neither can be foreseen.
 
-What is foreseen needs no solver, so that a preview can say it, too.
+The estimate does not need the solver, so that a preview can state it, too.
 """
 
 from __future__ import annotations
@@ -42,16 +42,16 @@ from .solve.constants import PACE
 FILE = "solver_speed.json"
 
 COLUMNS = 2.5
-"""That are carried for all changes (`mpm.body.columns`), for each coefficient of a frame's force: 1.7 to 2.4 on development scenes."""
+"""Columns carried in place of all changes (`mpm.body.columns`) per coefficient of a frame's force: 1.7 to 2.4 on development scenes."""
 
 OTHER = 1.0
-"""What a solve takes, learning the prior's sizes and linear algebra too, in units of what is foreseen of its simulations: 0.6 to 1.3 on
-development scenes of free and held bodies, 90 to 120 frames."""
+"""Duration of a solve, learning and linear algebra included, relative to the estimate for its simulations: 0.6 to 1.3 on development scenes
+of free and held bodies, 90 to 120 frames."""
 
 
 @dataclass(frozen=True)
 class Speed:
-    """Of the kernels: seconds per particle and substep."""
+    """Speed of the kernels: seconds per particle and substep."""
 
     copy: float
     base: float
@@ -60,14 +60,14 @@ class Speed:
 
 @dataclass(frozen=True)
 class Usual:
-    """What a block usually takes; chosen on the falling leaf, the potted plant, and rendered clips of a post, a plate and clay."""
+    """What a block usually needs; chosen on the falling leaf, the potted plant, and rendered clips of a post, a plate and clay."""
 
     copies: float
     """Simulations of the whole block."""
     coarse: float
     """Jacobians with few modes and sparse knots."""
     fine: float
-    """Those with all."""
+    """Jacobians with all modes and knots."""
 
 
 FREE = Usual(copies=30.0, coarse=1.3, fine=1.8)
@@ -79,32 +79,32 @@ ONWARD = Usual(copies=8.0, coarse=0.0, fine=2.0)
 
 @dataclass(frozen=True)
 class Work:
-    """In particles times substeps."""
+    """The expected work of a solve, in particles times substeps."""
 
     copies: float
     bases: float
     changes: float
     plastic: bool
-    """Bodies that flow have kernels of their own."""
+    """Whether the body flows: such bodies have kernels of their own."""
 
     def seconds(self, speed: Speed) -> float:
-        """At the speed of their kernels."""
+        """Duration of the work [s] at the given speed of the kernels."""
         return OTHER * (self.copies * speed.copy + self.bases * speed.base + self.changes * speed.change)
 
 
 def work_of(particles: Particles, material: Material, fps: float, frames: int, points: int, settings: RecoverSettings) -> Work | None:
-    """What a solve is expected to take; None of the paper's schedule, of which nothing is known.
+    """The expected work of a solve; None for the paper's schedule, for which there is no estimate, and for a body that is held entirely.
 
     Args:
-        frames: T.
-        points: that are followed; a body that is seen as one point has a uniform force.
+        frames: number of intervals T.
+        points: number of points that are followed; a body that is seen as one point has a uniform force.
     """
     if settings.schedule == "paper" or particles.pinned.all():
         return None
     plastic, held = material.law in PLASTIC_LAWS, bool(particles.pinned.any())
     basis = _modes(particles, points)
     few = int(np.count_nonzero(basis.degree <= 2))
-    # How many modes a force is worth is learnt from the clip: one that bends a held body takes most of those that there are.
+    # How many modes a force requires is learnt from the clip; a force that bends a held body requires most of them.
     worth = round(math.sqrt(few * len(basis.degree))) if held else few
     each = float(len(particles.x) * substeps_of(particles, material, fps))
     work = np.zeros(3)
@@ -118,10 +118,10 @@ def work_of(particles: Particles, material: Material, fps: float, frames: int, p
 
 
 def _block(usual: Usual, frames: int, start: int, few: int, worth: int, iterations: int) -> np.ndarray:
-    """(3,) copies, bases and changes times frames of the fine model; `start` unknowns are those of the initial motion.
+    """(3,) copies, bases and changes of a block, each times frames of the fine model; `start`: number of unknowns of the initial motion.
 
-    Derivatives are taken of the rough model. A change costs nothing before its knot, so half of the frames on average; and where there are
-    many, fewer columns are carried in their place.
+    Derivatives are those of the rough model. A change costs nothing before its knot, and so counts for half of the frames on average; many
+    changes are replaced by fewer columns.
     """
     coarse, fine = min(usual.coarse, iterations), min(usual.fine, max(iterations - 1, 0))
     ahead = frames / PACE.hop * PACE.horizon + PACE.first_horizon * PACE.first_horizon_steps
@@ -141,31 +141,31 @@ def _modes(particles: Particles, points: int) -> SpatialBasis:
 
 
 def points_in(targets: PointTargets | list[TrackTargets]) -> int:
-    """That are followed, in all views."""
+    """Number of points that are followed, in all views together."""
     return targets.visible.shape[1] if isinstance(targets, PointTargets) else sum(one.visible.shape[1] for one in targets)
 
 
 def known_speed(plastic: bool) -> Speed | None:
-    """What was measured last on this machine, if anything was."""
+    """The speed that was last measured on this machine; None if there is none."""
     try:
         kept = json.loads(_file().read_text(encoding="utf-8"))
         if kept["machine"] != _machine():
             return None
         speed = Speed(**kept[_kind(plastic)])
-    except (OSError, ValueError, KeyError, TypeError):  # never measured, or damaged: then nothing is known
+    except (OSError, ValueError, KeyError, TypeError):  # never measured, or the file is damaged
         return None
     return speed if all(isinstance(value, float) and 0.0 < value < np.inf for value in dataclasses.astuple(speed)) else None
 
 
 def measure_speed(plastic: bool) -> Speed:
-    """A short run of the kernels, under a second once they are loaded. Kept for `known_speed`, where the place can be written."""
+    """Measure the speed by a short run of the kernels, under a second once they are loaded, and store it for `known_speed` if possible."""
     speed = _measured(plastic)
     kept: dict[str, Any] = {"machine": _machine()}
     with contextlib.suppress(OSError, ValueError):
         before = json.loads(_file().read_text(encoding="utf-8"))
         kept |= before if isinstance(before, dict) and before.get("machine") == _machine() else {}
     kept[_kind(plastic)] = dataclasses.asdict(speed)
-    with contextlib.suppress(OSError):  # a place that nobody may write to: it is measured again next time
+    with contextlib.suppress(OSError):  # if the folder cannot be written to, the speed is measured again next time
         _file().parent.mkdir(parents=True, exist_ok=True)
         handle, aside = tempfile.mkstemp(dir=_file().parent, prefix=FILE)
         with os.fdopen(handle, "w", encoding="utf-8") as stream:
@@ -175,12 +175,12 @@ def measure_speed(plastic: bool) -> Speed:
 
 
 def _file() -> Path:
-    """Beside the compiled kernels, where the environment says where these are, else in the engine's own Python."""
+    """The file of the measured speed: beside the compiled kernels if the environment names their folder, else in the engine's Python."""
     return Path(os.environ.get("TI_OFFLINE_CACHE_FILE_PATH") or sys.prefix) / FILE
 
 
 def _machine() -> str:
-    """Such as can be told from another that shares the folder."""
+    """A name for this machine, to distinguish it from others that share the folder."""
     return f"{platform.node()} {platform.machine()} {os.cpu_count()}"
 
 
@@ -189,14 +189,14 @@ def _kind(plastic: bool) -> str:
 
 
 PROBED = (20, 15, 2)
-"""Particles of the block that is simulated, along each side."""
+"""Particles along each side of the block that is simulated for the measurement."""
 SUBSTEPS, FRAMES, REPEATS = 24, 2, 3
 FEW, MANY = 16, 256
-"""Changes that are carried; what they differ by is the price of the changes."""
+"""Numbers of changes in the two measurements whose difference gives the cost of a change."""
 
 
 def _measured(plastic: bool) -> Speed:
-    """The median of some runs; the first one loads or compiles the kernels."""
+    """The median speed of a few runs, without the first one, which loads or compiles the kernels."""
     from ..mpm.batch import rollout_batch
     from ..mpm.model_for import model_for
     from ..mpm.state import State
@@ -207,7 +207,7 @@ def _measured(plastic: bool) -> Speed:
     body = Particles(x, np.full(count, 1e-6), np.zeros(count, bool), 0.01)
     stuff = dataclasses.replace(find("leaf"), youngs_modulus=2e4, law="von_mises" if plastic else "corotated", yield_stress=1e3)
     model = dataclasses.replace(model_for(body, stuff, 30.0)[0], substeps=SUBSTEPS)
-    # So many modes that no change is a mixture of others.
+    # Enough modes that no change is a mixture of others.
     modes = MANY // 6 + 1
     phi, slope, start = np.ones((count, modes)), np.zeros((count, modes, 3)), State.at_rest(x)
 

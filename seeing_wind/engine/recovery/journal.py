@@ -1,12 +1,12 @@
-"""What a long computation has found so far, kept on disk: after a crash it is run again and reads what is there instead of finding it anew.
+"""Intermediate results of a long computation, kept on disk: after a crash it is run again, and reads them instead of computing them again.
 
-Nothing is resumed in the middle of the code. The computation begins at its beginning and takes the same way as before, since it always
-does. The parts on it that take long (`once`) have places, such as `block 1/solve 3/trial 0`, and what a part gave is read at its place if
-a former run got so far. A part that is finished forgets those inside it. A loop that takes long by itself (`loop`) keeps its state now and
+Nothing is resumed in the middle of the code. The computation starts from its beginning and, being deterministic, takes the same course as
+before. Its long parts (`once`) have places, such as `block 1/solve 3/trial 0`, and the result of a part is read at its place if an earlier
+run got that far. When a part is finished, the entries of the parts inside it are removed. A long loop (`loop`) saves its state now and
 then. So the result is that of a run without interruption, to the last bit, and no part needs to know of any other.
 
-The files are `checkpoint.NUMBER.safetensors` in the take, each written whole or not at all. Each entry has a digest of the inputs that
-it follows from and a check sum: one of other inputs, or a damaged one, is as good as none.
+The files are `checkpoint.NUMBER.safetensors` in the take, each written completely or not at all. Each entry has a digest of the inputs from
+which it follows and a checksum; an entry of other inputs, or a damaged one, is ignored.
 """
 
 from __future__ import annotations
@@ -34,15 +34,15 @@ R = TypeVar("R")
 Arrays = dict[str, np.ndarray]
 
 SOONEST, LATEST = 2.0, 12.0
-"""Seconds of work after which it is written down: at best, so that short computations write nothing, and at worst."""
+"""Least and greatest duration of work after which it is written [s]; short computations therefore write nothing."""
 COST = 20.0
-"""Between these two, work that took so many times the seconds that writing takes is worth it."""
+"""Between these two, work is written once it has taken this many times as long as writing."""
 PATTERN = "checkpoint.*.safetensors"
 TRANSPOSED = "transposed"
 DONE = "done"
-"""Of a loop's state: how far it has come."""
+"""Key of a loop's progress in its state."""
 DAMAGED = (OSError, SafetensorError, ValueError, TypeError, AttributeError, KeyError)
-"""What safetensors raises for a file that is empty, cut, garbled or something else."""
+"""The exceptions of safetensors for a file that is empty, truncated, garbled or of another kind."""
 
 
 @dataclass(frozen=True)
@@ -52,32 +52,32 @@ class _Single:
 
 @dataclass
 class _Entry:
-    """What is known at one place."""
+    """The result at one place."""
 
     digest: str
     file: Path | None
-    """None while it waits to be written."""
+    """None while the entry waits to be written."""
     arrays: Arrays
-    """While it waits: numbers, and JSON as texts."""
+    """The result while it waits to be written, else empty: numbers, and JSON as text."""
 
 
 class TakeJournal(Journal):
-    """A journal in a take, for the computation of one stamp: entries of others are removed.
+    """A journal in a take, for the computation with one stamp; entries of other stamps are removed.
 
-    Used as a context: what has not been written yet is when the block is left by a cancel or a fault, and everything is removed when it
-    ends well or with an error that would come again.
+    It is a context manager: on a cancel or a fault, entries that wait are written; on success, or an error that would occur again, all
+    entries are removed.
 
     Args:
-        take: whose folder keeps it. No other process may keep a journal there at the same time (`command.lock`).
-        stamp: of all that the computation follows from.
-        progress: warned, once, when the journal cannot be written. The computation goes on without.
+        take: take whose folder holds the journal. No other process may keep a journal there at the same time (`command.lock`).
+        stamp: hash of everything on which the computation depends.
+        progress: gets one warning if the journal cannot be written; the computation then continues without it.
     """
 
     def __init__(self, take: Take, stamp: str, progress: Progress) -> None:
         self._take, self._stamp, self._progress = take, stamp, progress
         self._entries: dict[str, _Entry] = {}
         self._live: Counter[Path] = Counter()
-        """Files, with the number of entries that are read from them."""
+        """Files, with the number of entries that each still holds."""
         self._open: list[str] = []
         self._counts: Counter[str] = Counter()
         self._number = 0
@@ -85,7 +85,7 @@ class TakeJournal(Journal):
         for path in sorted(take.path.glob(PATTERN)):
             self._look_into(path)
         for place in [one for one in self._entries if any(_above(other, one) for other in self._entries)]:
-            self._forget(place)  # a crash came between writing the whole and removing its parts
+            self._forget(place)  # a crash came between writing a part and removing the parts inside it
         self._sweep()
 
     def __enter__(self) -> Self:
@@ -128,16 +128,16 @@ class TakeJournal(Journal):
         return _KeptLoop(self, self._place(name), stamp_of(*inputs))
 
     def due(self) -> bool:
-        """Whether there is enough that would be lost."""
+        """Whether enough work has been done since the last writing."""
         return time.monotonic() - self._written >= min(max(SOONEST, COST * self._took), LATEST)
 
     def keep(self, place: str, digest: str, arrays: Arrays) -> None:
-        """Put an entry at a place instead of the one that is there."""
+        """Put an entry at a place, replacing the one that is there."""
         self._forget(place)
         self._entries[place] = _Entry(digest, None, arrays)
 
     def write(self) -> None:
-        """Write what waits, and remove the files that nothing is read from any more."""
+        """Write the entries that wait, and remove files without entries."""
         waiting = {place: entry for place, entry in self._entries.items() if entry.file is None}
         if not waiting:
             return
@@ -160,7 +160,7 @@ class TakeJournal(Journal):
                 path.write_bytes(save(tensors, words))
         except TakeError as error:
             if not self._warned:
-                self._progress.warn(f"The work cannot be kept on the way: {error.message} A crash would cost all of it.")
+                self._progress.warn(f"Intermediate results cannot be saved: {error.message} A crash would cost all of the work.")
             self._warned = True
             for place in waiting:
                 self._forget(place)
@@ -173,13 +173,13 @@ class TakeJournal(Journal):
         self._took = self._written - began
 
     def clear(self) -> None:
-        """Remove everything: the computation is finished."""
+        """Remove all entries, as the computation is finished."""
         for place in list(self._entries):
             self._forget(place)
         self._sweep()
 
     def read(self, place: str, digest: str) -> Arrays | None:
-        """The entry at a place, None if there is none of these inputs."""
+        """The result at a place; None if there is none for these inputs."""
         entry = self._entries.get(place)
         if entry is None:
             return None
@@ -194,7 +194,7 @@ class TakeJournal(Journal):
         return None
 
     def _place(self, name: str) -> str:
-        """The place of the next part of that name inside the innermost open one."""
+        """The place of the next part with this name inside the innermost open part."""
         whole = f"{self._open[-1]}/{name}" if self._open else name
         number = self._counts[whole]
         self._counts[whole] += 1
@@ -206,14 +206,14 @@ class TakeJournal(Journal):
             self._live[entry.file] -= 1
 
     def _sweep(self) -> None:
-        """Remove files that nothing is read from."""
+        """Remove files that hold no entries any more."""
         for path in [path for path, count in self._live.items() if count <= 0]:
             with contextlib.suppress(OSError):
                 path.unlink(missing_ok=True)
             del self._live[path]
 
     def _look_into(self, path: Path) -> None:
-        """Note what a former run left in a file."""
+        """Register the entries that an earlier run left in a file."""
         self._live[path] = 0
         number = path.name.split(".")[1]
         self._number = max(self._number, int(number) if number.isdecimal() else 0)
@@ -232,7 +232,7 @@ class TakeJournal(Journal):
 
 
 class _KeptLoop(Loop):
-    """A loop whose state is kept at a place of the journal."""
+    """A loop whose state is kept at a place in the journal."""
 
     def __init__(self, journal: TakeJournal, place: str, digest: str) -> None:
         self._journal, self._place, self._digest = journal, place, digest
@@ -249,17 +249,17 @@ class _KeptLoop(Loop):
 
 
 def _above(place: str, other: str) -> bool:
-    """Whether `other` is a part of `place`."""
+    """Whether the place `other` is inside `place`."""
     return other.startswith(place + "/")
 
 
 def _plain(array: np.ndarray) -> np.ndarray:
-    """The array in one piece: products differ in their last bits with the order in memory, so it must be the same when it is read."""
+    """The array as contiguous memory: its order affects the last bits of products, so it must be the same after reading."""
     return array if array.flags.c_contiguous or array.flags.f_contiguous else np.ascontiguousarray(array)
 
 
 def _check(arrays: Arrays) -> int:
-    """A check sum of names, shapes, kinds and values."""
+    """Checksum of names, shapes, types and values."""
     total = 0
     for key in sorted(arrays):
         array = arrays[key]
@@ -270,7 +270,7 @@ def _check(arrays: Arrays) -> int:
 
 
 def _read(path: Path, place: str) -> tuple[Arrays, str]:
-    """The arrays of an entry, each as it was in memory, and its digest and check sum; nothing where the file is damaged by now."""
+    """The arrays of an entry, with their order in memory, and its digest and checksum; nothing if the file has been damaged since."""
     arrays: Arrays = {}
     try:
         with safe_open(path, framework="numpy") as file:

@@ -1,4 +1,4 @@
-"""From what was seen to the force that explains it: the stage *recover*."""
+"""The solve of the stage *recover*: from what was observed to the force that explains it."""
 
 from __future__ import annotations
 
@@ -48,18 +48,19 @@ def recover(
     """Find the force density that makes the simulated body move as observed.
 
     Args:
-        material: its constants; the density turns accelerations into force densities.
+        material: constants of the material; its density turns accelerations into force densities.
         targets: points in 3D [m], or tracks [px] of one or several cameras over the same frames.
-        journal: keeps what is found on the way; its stamp must tell all other arguments.
-        known: the body as another clip told it.
+        fps: frames per second.
+        journal: keeps intermediate results; its stamp must depend on all other arguments.
+        known: stiffness and clamp of the body from another clip.
 
     Returns:
         The force density on the particles per frame, its posterior deviation, and the simulated motion; notes name what is poorly known.
 
     Raises:
-        UsageError: targets that contradict each other, or are not finite where visible; still frames that the clip does not have; a known
-            body for one that is not held.
-        ObjectError: fewer than three frames, a body that cannot be simulated (all held, particles in one place), or points that no
+        UsageError: for targets that contradict each other, or are not finite where visible; for still frames that the clip does not have;
+            for a known body if this one is not held.
+        ObjectError: for fewer than three frames, a body that cannot be simulated (all held, particles in one place), or points that no
             force explains.
         SimulationError: when the simulation breaks down even at the start.
     """
@@ -89,8 +90,8 @@ def recover(
     believed = _stiffness(particles, model, channels, settings, known)
     clip = Clip(particles, model, objective, fps, settings, progress, journal, notes + model_notes, believed, still)
     views = len(sources) if isinstance(sources[0], TrackTargets) else 0
-    kept = clip.solved()
-    if clip.stiffness.known and clip.stiffness.s < 0.0:  # the notes told of a body as stiff as its material
+    kept = clip.solve_blocks()
+    if clip.stiffness.known and clip.stiffness.s < 0.0:  # the notes so far are about a body as stiff as the given material
         softer = replace(material, youngs_modulus=youngs_modulus(model, particles, clip.stiffness.s))
         clip.notes[len(notes) : len(notes) + len(model_notes)] = _model(particles, softer, channels, fps, settings, plastic)[1]
     found = replace(clip.result(kept, material, views, began), borne=borne)
@@ -98,7 +99,7 @@ def recover(
 
 
 def channels_of(particles: Particles, seen: PointTargets | TrackTargets, plastic: bool) -> Channels:
-    """What is compared with the simulation, of points in 3D or of one camera's tracks."""
+    """The channels of points in 3D or of one camera's tracks."""
     if isinstance(seen, PointTargets):
         return point_channels(particles, seen, plastic)
     return track_channels(particles, seen, plastic)
@@ -107,13 +108,13 @@ def channels_of(particles: Particles, seen: PointTargets | TrackTargets, plastic
 def _model(
     particles: Particles, material: Material, channels: Sequence[Channels], fps: float, settings: RecoverSettings, plastic: bool
 ) -> tuple[Model, list[str]]:
-    """The solver's model of the body, stable at the speeds that points in 3D were seen to have, and notes on what it had to change."""
+    """The solver's model of the body, stable at the speeds that 3D points were seen to have, and notes on what the model had to change."""
     seen = [one.targets for one in channels if isinstance(one, PointChannels)]
     speed = min([LIMITS.default_speed, *(PACE.haste * _fastest(one, fps) for one in seen)])
     model, notes = model_for(particles, material, fps, gravity=settings.gravity, clamp_depth=settings.clamp_depth, speed=speed)
     if not particles.pinned.any() or plastic:
         return model, notes
-    # A held body has the substeps that it wants where points in 3D swing far.
+    # A held body gets more substeps if its 3D points swing far.
     times = max((refinement(one, model.dx, model.frame_dt, model.substeps) for one in seen), default=1.0)
     return (replace(model, substeps=math.ceil(times * model.substeps), refined=times) if times > 1.0 else model), notes
 
@@ -121,9 +122,9 @@ def _model(
 def _still(
     particles: Particles, sources: Sequence[PointTargets | TrackTargets], settings: RecoverSettings, plastic: bool
 ) -> tuple[np.ndarray, list[str]]:
-    """(T,) bool, the frames without a force, as they were given or else by how a held body rings, and what to say of these.
+    """(T,) bool: the frames without a force, as given, or else those in which a held body rings; and notes on the latter.
 
-    A body on which gravity acts in frame 0's shape sags, so ringing about that shape is not what the solver's body would do.
+    A body on which gravity acts from the shape of frame 0 on sags in the simulation, so it would not ring about that shape.
     """
     given = still_frames(settings, len(sources[0].visible) - 1)
     if settings.still is not None or settings.ringing == "ignored" or not particles.pinned.any() or plastic or any(settings.gravity):
@@ -135,7 +136,7 @@ def _still(
 def _stiffness(
     particles: Particles, model: Model, channels: Sequence[Channels], settings: RecoverSettings, known: KnownBody | None
 ) -> Stiffness:
-    """What is believed of the stiffness before the clip is seen."""
+    """The prior of the stiffness. Raises UsageError for a known body if this one is not held."""
     free = is_free(particles, settings)
     if known is None:
         return Stiffness.unknown(free, all(isinstance(one, PointChannels) and len(one.points) == len(particles.x) for one in channels))
@@ -145,7 +146,7 @@ def _stiffness(
 
 
 def refinement(targets: PointTargets, dx: float, frame_dt: float, substeps: int) -> float:
-    """How many times its substeps a held elastic body wants, on a grid of dx [m] and in frames of frame_dt [s]."""
+    """Factor on the substeps of a held elastic body, on a grid with cells of dx [m] and in frames of frame_dt [s]."""
     away = np.linalg.norm(targets.x - targets.x[0], axis=2)
     if np.where(targets.visible & targets.visible[0], away, 0.0).max() <= PACE.held_far * dx:
         return 1.0
@@ -153,13 +154,13 @@ def refinement(targets: PointTargets, dx: float, frame_dt: float, substeps: int)
 
 
 def _fastest(targets: PointTargets, fps: float) -> float:
-    """Speed [m/s] of the fastest point between frames that both show it."""
+    """Speed [m/s] of the fastest point between two consecutive frames that both show it."""
     step = np.linalg.norm(np.diff(targets.x, axis=0), axis=2)
     return fps * float(np.where(targets.visible[1:] & targets.visible[:-1], step, 0.0).max(initial=0.0))
 
 
 def check_body(particles: Particles, fps: float) -> None:
-    """Refuse what cannot be simulated. Raises as `recover`."""
+    """Raise UsageError or ObjectError for a body or frame rate that cannot be simulated."""
     if not (np.isfinite(particles.x).all() and np.isfinite(particles.volume).all() and (particles.volume > 0.0).all()):
         raise ObjectError("A particle of the body has no finite position or no volume.", "Build the body again.")
     if not 0.0 < particles.spacing < np.inf:

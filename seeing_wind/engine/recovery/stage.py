@@ -1,4 +1,4 @@
-"""Stage *recover*: targets become a motion and a field, both kept in the take. It resumes where it stopped."""
+"""Stage *recover*: from targets to a motion and a field, both written to the take. A stopped stage resumes where it stopped."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from .paper.losses import MotionLoss
 
 SOLVED, FITTED = "solve.npz", "fitted.safetensors"
-"""A solve whose field is not there yet, and that field for the moment before both take their places."""
+"""Files of a solve whose field is not fitted yet, and of the fitted field just before both files are moved to their places."""
 
 
 def recover_stage(
@@ -46,12 +46,13 @@ def recover_stage(
     """Stage *recover* -> `trajectory.npz` and `field.safetensors`: solve, distil into the representation, refine it.
 
     Args:
+        upstream: stamp of the stages before this one.
         loss: for objectives other than tracking; see `frame_loss`.
 
     Returns:
-        the recovery, the field (None if the solve diverged: then nothing is written and the last good field stays), the seconds that
-        solve, distillation and refinement took, and those that the solve was expected to take where that could be foreseen, both by
-        the stage's name.
+        The recovery; the field (None if the solve diverged: then nothing is written, and the last good field stays); the seconds that
+        solve, distillation and refinement took; and the seconds that the solve was expected to take, if that could be estimated. Both
+        are keyed by the stage's name.
     """
     from ..field import load_field
     from .paper.schedule import recover_by_descent
@@ -60,10 +61,11 @@ def recover_stage(
     if settings.body is not None:
         known, upstream = known_body(settings.body), stamp_of(upstream, Path(settings.body, TRAJECTORY))
     told = settings
-    settings = dataclasses.replace(settings, body=None)  # a project can be moved: what counts is what the other take holds
+    settings = dataclasses.replace(settings, body=None)  # a project can be moved, so the stamp has the other take's contents, not its path
     stamp = stamp_of("recover", VERSION, upstream, settings)
-    # The solve has a stamp of its own: it is long, and a job cancelled while the field is fitted need not repeat it. Until the field is
-    # there, it has a file of its own, too: a trajectory belongs to the field beside it. Engines before that left another solve's there.
+    # The solve has a stamp of its own: it is long, and a job that was cancelled while fitting the field need not repeat it. Until the field
+    # is fitted, the solve also has a file of its own, as a trajectory must belong to the field beside it (in takes of older engines, the
+    # trajectory may be another solve's).
     solved = stamp_of("recover", VERSION, upstream, dataclasses.replace(settings, refine=0))
     if take.file(SOLVED).is_file() or take.is_done("solve", solved):
         kept = take.kept("recover", stamp, lambda: (read_recovery(take), load_field(take.file("field.safetensors"))), progress)
@@ -95,12 +97,12 @@ def recover_stage(
 
 
 def _publish(take: Take, field: ForceField) -> None:
-    """Put a field and the trajectory that it belongs to in the places of the former ones."""
+    """Replace the take's field and trajectory by a new field and its trajectory."""
     with take.writing(FITTED) as path:
         field.save(path)
-    # A full disk stops either of the stamps, before both files are renamed or after: what is there belongs together.
+    # A full disk can only stop the writing of a stamp, before or after both files are renamed, so the two files always belong together.
     take.withdraw("recover")
-    take.file("wind.safetensors").unlink(missing_ok=True)  # it belongs to the field that goes
+    take.file("wind.safetensors").unlink(missing_ok=True)  # it belongs to the former field
     if take.file(SOLVED).is_file():
         systems.replace(take.file(SOLVED), take.file(TRAJECTORY))
     systems.replace(take.file(FITTED), take.file("field.safetensors"))
@@ -114,7 +116,7 @@ def _foretell(
     settings: RecoverSettings,
     progress: Progress,
 ) -> dict[str, float]:
-    """Say how long the solve will take on this machine, and return the seconds by the stage's name: empty where nobody can say."""
+    """Report how long the solve will take on this machine; returns the seconds by the stage's name, empty if there is no estimate."""
     check_body(particles, fps)
     frames = len(targets.visible if isinstance(targets, PointTargets) else targets[0].visible) - 1
     work = work_of(particles, material, fps, frames, points_in(targets), settings)
@@ -123,18 +125,18 @@ def _foretell(
     if isinstance(targets, PointTargets) and particles.pinned.any() and not work.plastic:
         dx = LIMITS.cell_spacings * particles.spacing
         times = refinement(targets, dx, 1.0 / fps, substeps_of(particles, material, fps))
-        work = dataclasses.replace(work, copies=times * work.copies)  # changes are carried along the rough model
+        work = dataclasses.replace(work, copies=times * work.copies)  # copies only: tangents are carried along the rough model
     seconds = work.seconds(measure_speed(work.plastic))
     progress.update(0.0, f"recovering the force, about {in_words(seconds)} on this machine", expected_seconds=seconds)
     return {"recover": seconds}
 
 
 def known_body(folder: str) -> KnownBody:
-    """The held body as the take in `folder` found it.
+    """Stiffness and clamp of a held body from the take in `folder`.
 
     Raises:
-        UsageError: no take with a recovery, or one that did not tell the body's stiffness.
-        WrongTake: a damaged take.
+        UsageError: if the folder holds no take with a recovery, or the recovery did not determine the body's stiffness.
+        WrongTake: if the take is damaged.
     """
     return KnownBody.of(read_recovery(require_take(folder)), folder)
 
@@ -149,7 +151,7 @@ def _fit_field(
     journal: Journal,
     seconds: dict[str, float],
 ) -> ForceField:
-    """The field that holds the recovered forces, refined if the settings say so; adds the seconds that either took."""
+    """Fit a field to the recovered forces and refine it if the settings say so; adds the seconds that each took to `seconds`."""
     from ..field import distill
     from .paper.refinement import refine
 
@@ -169,5 +171,5 @@ def _fit_field(
 
 
 def _read_solve(take: Take) -> Recovery:
-    """The last solve: in its own file while it has no field, else that of the field."""
+    """The last solve, from its own file while its field is not fitted, else from the field's trajectory."""
     return recovery_of(take.read_arrays(SOLVED if take.file(SOLVED).is_file() else TRAJECTORY))

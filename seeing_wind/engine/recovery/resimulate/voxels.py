@@ -1,4 +1,4 @@
-"""The inside of a surface that is not a proper solid: faces the wrong way round, edges with three faces, walls inside, small holes.
+"""The inside of a surface that is not a proper solid: flipped faces, edges with three faces, inner walls, small holes.
 
 The surface is drawn into voxels and the outside is flooded; what the flood does not reach is inside. An open sheet or an open bowl has
 no inside, as it should be.
