@@ -180,7 +180,7 @@ class Clip:
         """Initial covariance (3, 3) of the force's components: isotropic, but small along the direction that the data cannot show.
 
         That is a held body's axis, or the view of a single camera that sees the body as a point, whose depth no change of size shows. The
-        view is the camera's axis, not the ray to the body, which turns as the body crosses the frame: the scale is that of a plane.
+        view is the camera's axis, not the ray to the body, which turns as the body crosses the frame.
         """
         pinned, channels = self.particles.pinned, self.objective.channels
         axis, shrink = held_axis(self.particles.x, pinned) if pinned.any() else None, PRIOR.axial_shrink

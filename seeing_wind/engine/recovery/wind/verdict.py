@@ -80,6 +80,6 @@ def sentence(told: dict[str, Any]) -> str:
     """The `figures` as a note for the user."""
     mean, gust = (f"{in_figures(told[key], 2)} m/s (Beaufort {told['beaufort'][number]})" for key, number in SPEEDS)
     return (
-        f"Effective wind: {mean} on average, gusts up to {gust}. It was inferred from the body's motion by a drag law, not measured; "
+        f"Effective wind: {mean} in the mean, gusts up to {gust}. It was inferred from the body's motion by a drag law, not measured; "
         f"{100 * told['unexplained_share']:.0f} % of the net force stays unexplained."
     )

@@ -73,4 +73,4 @@ def test_figures_are_of_the_wind_over_the_body():
     assert told["gusts_rms"] == pytest.approx(1.0)
     assert told["beaufort"] == {"mean": 3, "strongest_gust": 4}
     assert "5 m/s (Beaufort 3)" in sentence(told)
-    assert "is no measurement" in sentence(told)
+    assert "not measured" in sentence(told)
