@@ -127,7 +127,7 @@ class Clip:
 
             start = kept[-1].trajectory.state(-1) if kept else None
             springy = not self.model.plastic and not self.stiffness.free
-            before = kept[-1].onward if kept and springy and self.settings.iterations > 1 else None  # it takes two
+            before = kept[-1].onward if kept and springy and self.settings.iterations > 1 else None  # continuing takes two
             solver = BlockSolver(
                 self.particles, self.model.from_frame(begin), self.objective.between(begin, end), basis, expected, start,
                 self.settings.iterations, self.progress, tell, self.still[begin:end], self._steady(kept), self.stiffness, before=before,

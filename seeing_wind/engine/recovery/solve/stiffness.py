@@ -117,7 +117,7 @@ class Stiffness:
         return np.exp(self.q[2:] @ section_shapes(body)) if self.q[2:].any() else None
 
     def penalty(self) -> float:
-        """The part of the cost due to q: twice the negative logarithm of its prior, but for a constant."""
+        """The part of the cost due to q: twice the negative logarithm of its prior, up to an additive constant."""
         off = self.q - self.expected
         return float(off @ self.precision @ off)
 

@@ -293,5 +293,5 @@ def _forces(follower: Follower, fields: np.ndarray, path: np.ndarray) -> tuple[n
 
 
 def _log_evidence(problem: SheetProblem, prior: Prior, theta: np.ndarray) -> float:
-    """Log evidence of the data, but for a constant, with the problem linearised at theta."""
+    """Log evidence of the data, up to an additive constant, with the problem linearised at theta."""
     return float(linearised_evidence(problem.linearise(theta), prior.precision()) - np.log(np.diag(problem.factor)).sum())

@@ -96,7 +96,7 @@ class _Place:
     theta: np.ndarray
     covariance: np.ndarray
     probable: float
-    """Logarithm of the probability, but for a constant."""
+    """Logarithm of the probability, up to an additive constant."""
 
 
 def _held(problem: SheetProblem, precision: np.ndarray, start: np.ndarray, along: np.ndarray, value: float, step: float) -> _Place:
