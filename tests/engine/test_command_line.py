@@ -165,8 +165,8 @@ def test_a_report_that_cannot_be_written_is_an_exit_code_of_its_own(engine, squa
         (["--still", "40:90"], "--still 40:90 names frames that are not used: 0 to 7 are.", True),
         (["--still", "0:6"], "--still 0:6 names all frames that are used, 0 to 7.", True),
         (["--still", "0:3", "--frames", "1:5"], "--still 0:3 names frames that are not used: 1 to 5 are.", False),
-        (["--thickness", "5"], "A body 5 m thick, 2 m from the camera, is no body.", True),
-        (["--thickness", "5", "--distance", "3"], "A body 5 m thick, 3 m from the camera, is no body.", False),
+        (["--thickness", "5"], "The thickness 5 m is more than the body's distance from the camera, 2 m.", True),
+        (["--thickness", "5", "--distance", "3"], "The thickness 5 m is more than the body's distance from the camera, 3 m.", False),
         (["--pin", "held.png"], "held.png covers the whole object", True),
     ],
 )

@@ -1,16 +1,16 @@
 """The outline of the object.
 
-    first_mask.py  in frame 0: from a PNG, points, a depth map, or what moves
-    from_box.py    in frame 0: what moves together in a box
-    moving         what frame 0 shows moving there, in the next frames or later; and what else moves beside the object
-    cutting.py     a region by its colours, without specks, and its hull
-    evidence.py    what speaks for each pixel, in log odds that are added up
-    carried.py     a part of the frame, carried along from one to the next
-    corrected.py   the user's corrections in any frame, taken along to the others
-    follow.py      carried from one frame to the next
-    through.py     that through the whole clip
-    rim.py         without the shadow that hangs on it, and cut in the middle of its blur
-    motion.py      how the object moved between two frames
-    by_turns.py    frame 0 and the background, each found by the other
-    background.py  what is behind it, and where that is known
+    first_mask.py  the mask of frame 0 from a PNG, points, a depth map, or from what moves
+    from_box.py    the mask of frame 0 from a box: what moves together in it
+    moving         which parts of frame 0 move, in the next frames or later; other moving things beside the object
+    cutting.py     segmenting a region by its colours; cleaning up masks; convex hulls
+    evidence.py    the evidence that a pixel belongs to the object, in log odds that add up
+    carried.py     a set of pixels, carried from one frame to the next
+    corrected.py   the user's corrections in any frame, carried to the others
+    follow.py      carrying the mask from one frame to the next
+    through.py     the masks of the whole clip
+    rim.py         refining the rim: without attached shadows, ending in the middle of its blur
+    motion.py      how the object moved between two frames; windows
+    by_turns.py    the outline of frame 0 and the background, each refined with the help of the other
+    background.py  what is behind the object, and where that is known
 """

@@ -1,4 +1,4 @@
-"""The outline of frame 0 and the background, found by turns: the one says where the other is."""
+"""The outline of frame 0 and the background, found by turns: knowing either helps to find the other."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from .rim import boxed_in, cut_back
 from .through import followed
 
 ROUGH_PIXELS = 40_000
-"""Pixels of the object's bounding box beyond which it is followed in smaller frames first, to see what is behind it."""
+"""Area of the object's bounding box [px] beyond which the rough follow, which finds the background, runs on smaller frames."""
 
 LEARNT = 9
-"""Frames over the clip from which it is learnt how the object differs from the background."""
+"""Frames, spread over the clip, from which the contrast between object and background is learnt."""
 
 
 def boxed_alone(settings: ObserveSettings) -> bool:
-    """Whether nothing but a box says where the object is."""
+    """Whether a box is all that the user gave to mark the object."""
     return settings.box is not None and settings.mask is None and settings.mask_model is None
 
 
@@ -43,12 +43,12 @@ def with_background(
     progress: Progress,
     journal: Journal,
 ) -> tuple[np.ndarray, Surroundings]:
-    """The outline (H, W) bool of frame 0 and its surroundings, each found again by the other: the object, followed roughly, shows what is
-    behind it.
+    """The mask (H, W) bool of frame 0 and its surroundings, each refined with the other: where the roughly followed object moves away, it
+    uncovers the background.
 
     Args:
         frames: (T+1, H, W, 3) uint8 RGB; mask: (H, W) bool, the object in frame 0; plate: the background; moving: see `moving_from`.
-        around: (H, W) bool, where a mask, box or points say that the object is.
+        around: (H, W) bool, where the object is according to the user's mask, box or points.
     """
     boxed, contrast, other = boxed_alone(settings), None, np.zeros_like(mask)
     behind = seen_first(plate, frames, mask, around if settings.box is not None else mask)
@@ -73,8 +73,8 @@ def with_background(
 def _again(
     frame: np.ndarray, mask: np.ndarray, plate: Plate, contrast: Contrast | None, around: np.ndarray, moving: Moving
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The outline `mask` (H, W) bool of `frame`, frame 0, in the box `around` (H, W) bool, found again with the background known; and what
-    other thing moves along with it, (H, W) bool."""
+    """The object (H, W) bool in `frame`, which is frame 0, found again from `mask` (H, W) bool now that the background is known, inside the
+    box `around` (H, W) bool; and (H, W) bool, another thing that moves along with the object."""
     other = beyond_box(frame, mask, around, plate, moving)
     return boxed_in(frame, refined(frame, mask & ~other, plate, around, moving, other, contrast), around, plate), other
 
@@ -82,7 +82,7 @@ def _again(
 def _roughly(
     frames: Frames, mask: np.ndarray, other: np.ndarray, plate: Plate, progress: Progress, journal: Journal
 ) -> Masks:
-    """Masks (T+1, H, W) good enough to show what is behind the object; a large one is followed in smaller frames."""
+    """Masks (T+1, H, W) good enough to find what is behind the object; a large object is followed in smaller frames."""
     x0, y0, x1, y1 = window_of(mask, 0)
     # Halving is several times quicker than other factors.
     scale = 0.5 ** max(0, round(0.5 * np.log2((x1 - x0) * (y1 - y0) / ROUGH_PIXELS)))

@@ -1,4 +1,4 @@
-"""The user's corrections of the outline, in any frame, carried to the others: forwards and backwards, halfway to the next one."""
+"""The user's corrections of the outline in any frame, carried forwards and backwards, each halfway to the next corrected frame."""
 
 from __future__ import annotations
 
@@ -21,55 +21,55 @@ from .motion import FlowSolver, cut, middle_of, paste, window_of, within
 from .through import followed
 
 LOCAL = 0.6
-"""How far from a mark the outline is found again, in units of the root of the object's area: elsewhere it is as it was."""
+"""Distance from a mark up to which the outline is found again, in units of the root of the object's area; beyond, it stays as it is."""
 
 MIDDLE = 2.0
-"""How deep a mistake is, in units of a mark's own depth in it: a mark is set in the middle of what is wrong."""
+"""Depth of a mistake, in units of the depth at which the mark lies in it: a mark is set in the middle of what is wrong."""
 
 POINT = 0.05
-"""Radius that a mark stands for, in the same units, at most."""
+"""Largest radius of the disc that a mark stands for, in units of the root of the object's area."""
 
 CLOSE, ALIKE = 0.1, 0.5
-"""How far round a correction outlines are compared, in the same units, and by how much they may differ there, in units of the correction,
-for them to be wrong in the same way."""
+"""Two outlines are wrong in the same way if, within CLOSE of a correction (in units of the root of the object's area), they differ by less
+than ALIKE (in units of the correction's area)."""
 
 POINTS = 400
-"""Pixels of the object near a correction by which its motion is told."""
+"""Pixels of the object near a correction from which its motion is estimated."""
 
 GRAIN = 8.0
-"""Grey levels that one colour varies by."""
+"""Variation of one and the same colour [grey levels]."""
 
 MOST = 0.9
-"""Part of the object that a mark may change by its colour alone: more is a colour that says nothing here."""
+"""Fraction of the object that a mark may change by its colour alone: if it would change more, the colour does not discriminate."""
 
 FLOOD = 8 | (1 << 8) | cv2.FLOODFILL_FIXED_RANGE | cv2.FLOODFILL_MASK_ONLY
-"""Eight neighbours, ones into the mask, against the colour of the start, the frame itself left alone."""
+"""Flood fill over eight neighbours, comparing with the colour of the starting pixel, and writing ones into the mask only."""
 
 WHERE = "Widen --frames, which counts from 0 as well, or leave that one out of --correct."
 
 
 @dataclass(frozen=True)
 class Marks:
-    """In one frame."""
+    """The user's marks in one frame."""
 
     on: np.ndarray
     """(P, 2) [px], on the object."""
     beside: np.ndarray
-    """(Q, 2) [px], not on it."""
+    """(Q, 2) [px], off the object."""
 
     def through(self, matrix: np.ndarray) -> Marks:
-        """In the pixels to which a homography (3, 3) leads."""
+        """The marks transformed by the homography `matrix` (3, 3)."""
         return Marks(through(matrix, self.on), through(matrix, self.beside))
 
 
 def marks_of(corrections: tuple[float, ...], first: int, shape: tuple[int, int, int]) -> dict[int, Marks]:
-    """The flat `corrections` N X Y ON ... (see `settings.option.MARKS`) by the frames of a clip of `shape` (T+1, H, W).
+    """The flat `corrections` N X Y ON ... (see `settings.option.MARKS`), sorted by frame of a clip of `shape` (T+1, H, W).
 
     Args:
-        first: index in the file of frame 0.
+        first: index in the file of the clip's frame 0.
 
     Raises:
-        UsageError: a mark in no frame of the clip, or outside it.
+        UsageError: a mark whose frame is not in the clip, or that lies outside its frame.
     """
     rows = np.array(corrections, dtype=np.float64).reshape(-1, 4)
     frames, height, width = shape
@@ -87,10 +87,10 @@ def marks_of(corrections: tuple[float, ...], first: int, shape: tuple[int, int, 
 
 
 def with_marks(frame: np.ndarray, mask: np.ndarray, marks: Marks, progress: Progress) -> np.ndarray:
-    """The object (H, W) bool in `frame` (H, W, 3) uint8, found again round the `marks`, by GrabCut begun with `mask` (H, W) bool.
+    """The object (H, W) bool in `frame` (H, W, 3) uint8, found again near the `marks` by GrabCut, initialised with `mask` (H, W) bool.
 
-    A mark on the object only adds and one beside it only takes away, in one piece with the mark and about as deep as a mistake is in whose
-    middle the mark stands.
+    A mark on the object only adds pixels, and a mark beside it only removes some: those connected to the mark, and only about as deep as a
+    mistake would be that has the mark in its middle.
 
     Raises:
         ObjectError: nothing is left.
@@ -104,7 +104,7 @@ def with_marks(frame: np.ndarray, mask: np.ndarray, marks: Marks, progress: Prog
         for points, on in ((marks.on, True), (marks.beside, False)):
             wrong = (mask != on).astype(np.uint8)
             column, row = np.round(points).astype(int).T
-            # Nearer the outline it is the rim that is wrong, where a colour is both sides'.
+            # A mark nearer the outline corrects the rim, where the colours of both sides mix.
             far = cv2.distanceTransform(wrong, cv2.DIST_L2, 5)[row, column] > 2.0 * RIM
             alike = _alike(frame, points[far], radius) & (wrong > 0)
             if alike.sum() < MOST * mask.sum():
@@ -117,7 +117,11 @@ def with_marks(frame: np.ndarray, mask: np.ndarray, marks: Marks, progress: Prog
 
 
 def _asked(mask: np.ndarray, found: np.ndarray, marks: Marks, discs: list[np.ndarray], sure: np.ndarray) -> np.ndarray:
-    """Of what was changed of `mask` (H, W) bool to get `found`, only what the `marks` ask for, `sure` (H, W) bool so by its colour."""
+    """`mask` (H, W) bool with only those of the changes towards `found` (H, W) bool that the `marks` ask for.
+
+    `discs`: (H, W) bool, the discs round the marks on the object and round those beside it; `sure`: (H, W) bool, pixels whose colour alone
+    settles that they change.
+    """
     asked = mask.copy()
     for points, on, disc in zip((marks.on, marks.beside), (True, False), discs):
         depth = cv2.distanceTransform((mask != on).astype(np.uint8), cv2.DIST_L2, 5)
@@ -130,17 +134,18 @@ def _asked(mask: np.ndarray, found: np.ndarray, marks: Marks, discs: list[np.nda
 
 
 def _alike(frame: np.ndarray, points: np.ndarray, radius: int) -> np.ndarray:
-    """(H, W) bool: what is coloured as the places round `points` (P, 2) [px] are, as far as it hangs together with them."""
+    """(H, W) bool: the regions connected to `points` (P, 2) [px] that have the colour found round them."""
     smooth, found = cv2.GaussianBlur(frame, (0, 0), 1.5), np.zeros((frame.shape[0] + 2, frame.shape[1] + 2), np.uint8)
     for x, y in np.round(points).astype(int):
         place = smooth[max(y - 2 * radius, 0) : y + 2 * radius + 1, max(x - 2 * radius, 0) : x + 2 * radius + 1].reshape(-1, 3)
-        if place.std(axis=0).max() < GRAIN:  # a place of several colours stands for none of them
+        if place.std(axis=0).max() < GRAIN:  # where several colours meet, the mark stands for none of them
             cv2.floodFill(smooth, found, (int(x), int(y)), 0, 3 * (2.0 * GRAIN,), 3 * (2.0 * GRAIN,), FLOOD)
     return found[1:-1, 1:-1] > 0
 
 
 def _cut_again(frame: np.ndarray, mask: np.ndarray, discs: list[np.ndarray], reach: int, progress: Progress) -> np.ndarray:
-    """What GrabCut takes for the object within `reach` [px] of `discs` (H, W) bool on it and beside it; elsewhere `mask` as it is."""
+    """The object (H, W) bool, found again by GrabCut within `reach` [px] of the `discs` on it and beside it, (H, W) bool each; elsewhere
+    `mask` (H, W) bool."""
     distance = cv2.distanceTransform(1 - (discs[0] | discs[1]).astype(np.uint8), cv2.DIST_L2, 5)
     near = distance <= reach
     window = within(window_of(mask | near, 20), frame)
@@ -160,10 +165,10 @@ def _discs(points: np.ndarray, radius: int, shape: tuple[int, ...]) -> np.ndarra
 
 
 def carried_to_first(frames: Frames, shown: dict[int, np.ndarray], plate: Plate | None, progress: Progress) -> np.ndarray:
-    """The object (H, W) bool in frame 0, followed back from the earliest frame in which it is `shown` (H, W) bool.
+    """The object (H, W) bool in frame 0, followed backwards from the earliest frame in `shown`, the user's outlines (H, W) bool by frame.
 
     Raises:
-        ObjectError: it is lost on the way.
+        ObjectError: the object is lost on the way.
     """
     start = min(shown)
     follower = MaskFollower(frames[start], shown[start], Surroundings(plate), progress)
@@ -177,11 +182,12 @@ def carried_to_first(frames: Frames, shown: dict[int, np.ndarray], plate: Plate 
 
 
 def corrected(frames: Frames, masks: Masks, better: dict[int, np.ndarray], progress: Progress) -> Masks:
-    """The `masks` (T+1, H, W) of `frames` (T+1, H, W, 3), mended in all frames as in those in which a `better` one (H, W) bool is known.
+    """The `masks` (T+1, H, W) of `frames` (T+1, H, W, 3), with the corrections by the `better` masks (H, W) bool, keyed by frame, carried
+    to the other frames.
 
-    What was added and taken away there moves with the object near it, halfway to the next such frame. An outline is wrong alike in one
-    frame after the other: so the correction goes along, and all else stays as it was found in each frame. Where the outline found there
-    differs by more than half of the correction from the one that was corrected, it is wrong in another way, and stays.
+    The pixels added and removed in a corrected frame move with the object near them, halfway to the next corrected frame: an outline tends
+    to be wrong in the same way in successive frames. All else stays as it was found in each frame. Where a frame's outline differs from
+    the one that was corrected by more than half of the correction's area, it is wrong in another way and stays as it is.
     """
     at, found = sorted(better), {t: better[t] for t in better}
     ends = [(one + other) // 2 for one, other in zip(at, at[1:])]
@@ -194,7 +200,7 @@ def corrected(frames: Frames, masks: Masks, better: dict[int, np.ndarray], progr
 
 
 def _parts(mask: np.ndarray) -> list[np.ndarray]:
-    """What of `mask` (H, W) bool hangs together, without specks."""
+    """The connected components of `mask` (H, W) bool, (H, W) bool each, without specks."""
     count, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
     return [labels == one for one in range(1, count) if stats[one, cv2.CC_STAT_AREA] >= LEAST_PIXELS]
 
@@ -202,7 +208,11 @@ def _parts(mask: np.ndarray) -> list[np.ndarray]:
 def _mended(
     frames: Frames, masks: Masks, shape: np.ndarray, changes: list[tuple[np.ndarray, bool]], way: range, progress: Progress
 ) -> dict[int, np.ndarray]:
-    """The masks of the frames on the `way` with the `changes` (H, W) bool, added or not, that made `shape` (H, W) of one."""
+    """The masks (H, W) bool by frame, for the frames in `way`, with the `changes` carried along.
+
+    `changes`: the regions (H, W) bool, each with whether it was added, that turned the mask of the frame before `way` into `shape` (H, W)
+    bool.
+    """
     size, outline = float(np.sqrt(shape.sum())), masks[way.start - way.step]
     reach = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, 2 * (2 * round(max(CLOSE * size, 3.0)) + 1,))
     around = [cv2.dilate(part.astype(np.uint8), reach) > 0 for part, _ in changes]
@@ -216,7 +226,7 @@ def _mended(
         progress.check()
         gray, mask = cv2.cvtColor(frames[t], cv2.COLOR_RGB2GRAY), masks[t]
         if not mask.any() or not last.any():
-            break  # out of sight; what comes back is another view of it
+            break  # out of sight; the object may look different when it comes back
         here = through(total, points)
         low, high = np.floor(here.min(axis=0)).astype(int) - 24, np.ceil(here.max(axis=0)).astype(int) + 25
         window = (int(low[0]), int(low[1]), int(high[0]), int(high[1]))
@@ -251,11 +261,12 @@ def with_corrections(
     progress: Progress,
     journal: Journal,
 ) -> Masks | None:
-    """The masks (T+1, H, W) followed from `mask` (H, W) bool in frame 0, then mended by what the user showed; None without that.
+    """The masks (T+1, H, W) followed from `mask` (H, W) bool in frame 0, then corrected by the user's outlines and marks; None if there are
+    neither.
 
     Args:
-        unaided: (H, W) bool, what was found in frame 0 without what the user showed there: it tells what goes wrong.
-        shown: outlines (H, W) bool by frame; marks: by frame.
+        unaided: (H, W) bool, the mask of frame 0 found without the user's corrections there: comparing both shows what goes wrong.
+        shown: the user's outlines (H, W) bool by frame; marks: the user's marks by frame.
     """
     if not shown and not marks:
         return None

@@ -1,4 +1,4 @@
-"""Cutting a region out of a frame by its colours, tidying it, and what it may hide."""
+"""Segmenting a region of a frame by its colours, cleaning up its mask, and the hull of what it may hide."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ LEAST_PIXELS = 12
 """Smallest object that can be followed: a disc of four pixels."""
 
 SPECK = 0.03
-"""Part of the largest piece below which another piece is nothing."""
+"""Fraction of the largest piece's area below which another piece is ignored."""
 
 HOLE = 0.1
-"""Part of an object up to which a hole in it is a mistake: a smooth thing's middle looks as if it stood still, and a see-through one's like
-what is behind it."""
+"""Fraction of an object's area up to which a hole in it is a mistake: the middle of a smooth object seems to stand still, and that of a
+see-through one looks like what is behind it."""
 
 FULL = 0.25
-"""Least part of its convex hull that a body fills of which parts may have been missed."""
+"""Fraction of its convex hull that an object must fill for the rest of the hull to count as possibly missed parts of it."""
 
 GRABCUT_PIXELS = 120_000
 """Region size beyond which GrabCut runs on a smaller copy: its time grows faster than its accuracy."""
@@ -27,17 +27,17 @@ GRABCUT_PIXELS = 120_000
 def grab_cut(
     crop: np.ndarray, trimap: np.ndarray, iterations: int, progress: Progress, most: int = GRABCUT_PIXELS
 ) -> np.ndarray:
-    """Foreground (h, w) bool of `crop` (h, w, 3) uint8 by GrabCut from `trimap` (h, w) of cv2.GC_* labels, on a copy of at most `most`
-    pixels.
+    """Foreground (h, w) bool of `crop` (h, w, 3) uint8 by GrabCut (Rother 2004), initialised with `trimap` (h, w) of cv2.GC_* labels, on a
+    copy of at most `most` pixels.
 
-    `progress` is asked between iterations, each of which may take a fifth of a second.
+    It can be cancelled through `progress` between iterations, each of which may take a fifth of a second.
     """
     given = (trimap & 1) > 0
     scale = min(1.0, float(np.sqrt(most / trimap.size)))
     size = (max(8, round(crop.shape[1] * scale)), max(8, round(crop.shape[0] * scale)))
     small = crop if scale == 1.0 else cv2.resize(crop, size, interpolation=cv2.INTER_AREA)
     labels = trimap.copy() if scale == 1.0 else cv2.resize(trimap, size, interpolation=cv2.INTER_NEAREST)
-    # Five colours per side need at least as many samples.
+    # GrabCut fits five Gaussians to each side, which take some samples.
     if min((labels & 1).sum(), ((labels & 1) == 0).sum()) < 10:
         return given
     cv2.setRNGSeed(0)
@@ -52,8 +52,11 @@ def grab_cut(
 
 
 def tidy(mask: np.ndarray, near: np.ndarray | None = None) -> np.ndarray:
-    """`mask` (h, w) bool without specks and small holes: the parts that touch `near`, or the largest part and those a tenth as large."""
-    # OpenCV's own figures of the parts take ten times as long as the parts, and most masks are one.
+    """`mask` (h, w) bool without specks and small holes.
+
+    Kept are the components that touch `near` (h, w) bool; without `near`, the largest one and those at least a tenth as large.
+    """
+    # OpenCV's statistics of the components take ten times as long as the labelling, and most masks are a single component.
     count, labels = cv2.connectedComponents(mask.astype(np.uint8), connectivity=8)
     if count < 2:
         return mask
@@ -68,7 +71,7 @@ def tidy(mask: np.ndarray, near: np.ndarray | None = None) -> np.ndarray:
 
 
 def _without_holes(kept: np.ndarray) -> np.ndarray:
-    """`kept` (h, w) bool with its holes filled up to HOLE."""
+    """`kept` (h, w) bool with its holes filled, those smaller than HOLE of its area."""
     holes, labels = cv2.connectedComponents((~kept).astype(np.uint8), connectivity=4)
     most = HOLE * np.count_nonzero(kept)
     if holes < 3 and kept.size - np.count_nonzero(kept) >= most:
@@ -79,27 +82,27 @@ def _without_holes(kept: np.ndarray) -> np.ndarray:
 
 
 def grown(mask: np.ndarray) -> np.ndarray:
-    """`mask` (H, W) bool with what lies up to four pixels beside it, where a blurred rim and a codec's traces still show the object."""
+    """`mask` (H, W) bool dilated by four pixels, as far as a blurred rim and a codec's artefacts reach."""
     return widened(mask, 4)
 
 
 def widened(mask: np.ndarray, by: int) -> np.ndarray:
-    """`mask` (H, W) bool with what lies up to `by` pixels beside it."""
+    """`mask` (H, W) bool dilated by `by` pixels."""
     return cv2.dilate(mask.astype(np.uint8), _square(2 * by + 1)) > 0
 
 
 def narrowed(mask: np.ndarray, by: int) -> np.ndarray:
-    """`mask` (H, W) bool without what lies up to `by` pixels from its border; it goes on beyond the frame."""
+    """`mask` (H, W) bool eroded by `by` pixels; at the frame's edge it is taken to go on."""
     return cv2.erode(mask.astype(np.uint8), _square(2 * by + 1)) > 0
 
 
 def opened(mask: np.ndarray, across: int = 3) -> np.ndarray:
-    """`mask` (H, W) bool without what is less than `across` pixels thick, an odd number: OpenCV moves what it opens by an even one."""
+    """`mask` (H, W) bool without what is less than `across` pixels thick, an odd number: OpenCV's opening by an even one shifts a mask."""
     return cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, _square(across)) > 0
 
 
 def closed(mask: np.ndarray, across: int) -> np.ndarray:
-    """`mask` (H, W) bool with its gaps of less than `across` pixels, an odd number."""
+    """`mask` (H, W) bool with gaps of less than `across` pixels, an odd number, closed."""
     return cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, _square(across)) > 0
 
 
@@ -110,7 +113,7 @@ def _square(side: int) -> np.ndarray:
 def enclosed(mask: np.ndarray) -> np.ndarray:
     """All that the object may hide if parts of it were missed, (H, W) bool: the convex hull of `mask` (H, W) bool.
 
-    What fills little of its hull is a stem with leaves rather than a body of which most was missed, and hides nothing more.
+    If the mask fills little of its hull, it is a stem with leaves rather than an object most of which was missed, and `mask` is returned.
     """
     filled = mask.astype(np.uint8)
     if mask.any():
@@ -121,7 +124,7 @@ def enclosed(mask: np.ndarray) -> np.ndarray:
 
 
 def hanging_on(parts: np.ndarray, seeds: np.ndarray) -> np.ndarray:
-    """The `seeds` (h, w) bool with what hangs together with them of the `parts` (h, w) bool."""
+    """The `seeds` (h, w) bool and all of the `parts` (h, w) bool that is connected to them."""
     count, labels = cv2.connectedComponents((parts | seeds).astype(np.uint8), connectivity=4)
     touching = np.bincount(labels[seeds], minlength=count) > 0
     touching[0] = False

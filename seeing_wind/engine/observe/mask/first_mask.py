@@ -1,4 +1,4 @@
-"""Which pixels of frame 0 are the object: from a PNG, points on it, a depth map's extent, or what moves."""
+"""The object's pixels in frame 0: from a PNG, points on it, the extent of a depth map, or from what moves."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ from .cutting import LEAST_PIXELS, closed, grab_cut, opened, tidy
 from .from_box import NEITHER, numbers
 
 SEED = 0.012
-"""Radius of the disc round a point that is surely the object, in units of the frame's shorter side."""
+"""Radius of the disc round a point that surely belongs to the object, in units of the frame's shorter side."""
 
 LARGEST_OF_POINTS = 0.6
-"""Part of the frame beyond which what was found from points is the background."""
+"""Fraction of the frame beyond which the region found from points is taken for the background."""
 
 
 def first_mask(settings: ObserveSettings, frames: Frames, plate: Plate | None, progress: Progress) -> np.ndarray:
     """The object (H, W) bool in the first of `frames` (T+1, H, W, 3) uint8 RGB.
 
-    `settings.mask` comes first, then `settings.points`, then the extent of a depth map that is infinite off the
-    object, then the one thing that differs from `plate`, the background of a camera that stands still (None when it moves).
+    The first of these that is given decides: `settings.mask`, `settings.points`, the extent of a depth map that is infinite off the object;
+    if none is, the one thing that differs from `plate`, the background of a camera that stands still (None if it moves).
 
     Raises:
-        ObjectError: nothing there, or too little.
-        UsageError: a mask of another size or unreadable, or a point outside the frame.
+        ObjectError: no object is found, or it covers too few pixels or the whole frame.
+        UsageError: a mask that is unreadable or of another size, or a point outside the frame.
     """
     frame = frames[0]
     height, width = frame.shape[:2]
@@ -54,10 +54,10 @@ def first_mask(settings: ObserveSettings, frames: Frames, plate: Plate | None, p
 
 
 def read_mask(path: str, height: int, width: int, what: str = "mask") -> np.ndarray:
-    """A mask frame (H, W) bool, non-zero = inside; transparent pixels count as zero.
+    """The mask (H, W) bool in the image file at `path`: non-zero pixels are inside, transparent ones are not. `what` names it in errors.
 
     Raises:
-        UsageError: unreadable or of another size than the clip.
+        UsageError: missing, unreadable, or of another size than the clip.
     """
     if not Path(path).is_file():
         raise UsageError(f"There is no {what} at {path}.", "Check the path.")
@@ -80,7 +80,7 @@ def point_list(points: tuple[float, ...], height: int, width: int) -> np.ndarray
     """The flat `points` X0 Y0 X1 Y1 ... as (P, 2) [px].
 
     Raises:
-        UsageError: no point, half a point, or one outside the frame.
+        UsageError: no point, an odd number of values, or a point outside the frame.
     """
     if not points or len(points) % 2 or not np.isfinite(points).all():
         raise UsageError(f"The points {numbers(points)} are no pairs of pixels.", "Give --points X,Y [X,Y ...], each on the object.")
@@ -94,11 +94,12 @@ def point_list(points: tuple[float, ...], height: int, width: int) -> np.ndarray
 def mask_from_points(frame: np.ndarray, points: np.ndarray, plate: Plate | None, progress: Progress) -> np.ndarray:
     """The object (H, W) bool that `points` (P, 2) [px] lie on.
 
-    What differs from the background of a camera that stands still, where every point lies on it; otherwise what has the colours at the
-    points rather than those of the rest, by GrabCut, as far as it hangs together with them. Points on all its colours help.
+    If the camera stands still and every point lies on something that differs from the background, that is the object. Otherwise GrabCut
+    separates the colours at the points from those of the rest, and what is connected to the points is kept: points on all of the object's
+    colours help.
 
     Raises:
-        ObjectError: what is found is next to nothing, or nearly the whole frame.
+        ObjectError: the region found is hardly larger than the points' discs, or most of the frame.
     """
     height, width = frame.shape[:2]
     seeds = np.zeros((height, width), np.uint8)
@@ -108,7 +109,7 @@ def mask_from_points(frame: np.ndarray, points: np.ndarray, plate: Plate | None,
     found = _changed_at(frame, seeds, points, plate, progress)
     if found is None:
         found = _coloured_as(frame, seeds, points, progress)
-    # Hardly more than the discs round the points: their colours are everywhere, and nothing was added to them.
+    # Hardly more than the discs round the points: their colours are everywhere, so GrabCut added nothing to them.
     if not max(LEAST_PIXELS, 1.5 * seeds.sum()) <= found.sum() <= LARGEST_OF_POINTS * found.size:
         raise ObjectError(
             f"The region at the points covers {counted(int(found.sum()), 'pixel')} and differs from its surroundings in neither colour nor "
@@ -129,7 +130,7 @@ def _changed_at(frame: np.ndarray, seeds: np.ndarray, points: np.ndarray, plate:
     own = np.unique(labels[row, column])
     if not own.all():
         return None
-    # Part of it is the background that the object moves over, or a shadow that moves along: the colours tell.
+    # A part of this is background that the object moves over, or its moving shadow: the colours decide.
     trimap = np.where(np.isin(labels, own), cv2.GC_PR_FGD, cv2.GC_BGD).astype(np.uint8)
     if (light != 0)[seeds > 0].mean() < 0.5:
         trimap[light != 0] = cv2.GC_BGD
@@ -155,7 +156,7 @@ def _coloured_as(frame: np.ndarray, seeds: np.ndarray, points: np.ndarray, progr
 
 def _what_moves(frame: np.ndarray, plate: Plate | None) -> np.ndarray:
     if plate is None:
-        raise ObjectError("No object was marked, and the camera moves, so nothing says what it is.", NEITHER)
+        raise ObjectError("No object was marked, and the camera moves, so the object cannot be found by its motion.", NEITHER)
     away, _ = plate.compared(frame, (0, 0, frame.shape[1], frame.shape[0]))
     changed = opened(closed((away > 6.0 * plate.noise + 6.0) & plate.reliable, 5))
     count, labels, stats, _ = cv2.connectedComponentsWithStats(changed.astype(np.uint8), connectivity=8)

@@ -18,55 +18,57 @@ from .moving.panned import PannedPlate
 from .rim import cut_back
 
 LOST = 0.3
-"""A mask smaller than this part of what was expected means hidden or gone, and the shape seen last is kept for the search."""
+"""Fraction of the expected area below which the object counts as hidden or gone; the last shape seen is then kept for the search."""
 
 LEAP = 80.0
-"""Pixels up to which a small thing may move several of its own widths from frame 0 to the next."""
+"""Distance [px] up to which a small object may move several times its own width from frame 0 to the next."""
 
 WHOLE, SURELY = 0.9, 2.0
-"""Part of the object's largest silhouette below which the rest of it is looked for, and its least log odds against the background."""
+"""Fraction of the object's largest area below which its missing part is looked for, and the log odds from the background which that part
+must have at least."""
 
 THICK = 5
-"""Pixels across of what comes back, at least: less is a rim that was carried on too far."""
+"""Least thickness [px] of a part that reappears: what is thinner is a rim that was carried too far."""
 
 FILTERS = 8
-"""Pixels that filters reach beyond what they are asked for."""
+"""Pixels that filters reach beyond the window whose values are needed."""
 
 
 @dataclass(frozen=True)
 class Surroundings:
-    """What is known in frame 0 of what lies behind the object and beside it."""
+    """What is known at the start about the background and about other things beside the object."""
 
     plate: Plate | None = None
-    """What is behind it."""
+    """The background."""
     contrast: Contrast | None = None
-    """How it differs from that; None learns it from frame 0."""
+    """How the object differs from the background; if None, this is learnt from frame 0."""
     other: np.ndarray | None = None
-    """(H, W) bool: another thing that moves along with it, see `others.beyond_box`."""
+    """(H, W) bool: another thing that moves along with the object in frame 0, see `others.beyond_box`."""
     panned: bool = False
-    """The camera moves, so the plate is that of frame 0 only."""
+    """The camera moves, so the plate holds for frame 0 only."""
 
     @property
     def still(self) -> Plate | None:
-        """What is behind the object in all frames."""
+        """The background of all frames; None where it is unknown or the camera moves."""
         return None if self.panned else self.plate
 
 
 class MaskFollower:
-    """Follows one object, as a `through.Follower`: whole-body search, flow, then all evidence round the carried silhouette.
+    """Follows one object (a `through.Follower`): whole-body search, then flow, then all evidence near the silhouette carried by them.
 
     Where the camera moves, the background is what was seen beside the object so far, see `moving.panned`.
 
     Attributes:
-        flow: motion from the frame before to the newest one; None after `hidden`.
-        velocity: (2,) [px per frame], the whole body's.
-        hidden: the object was not found in the newest frame.
+        mask: (H, W) bool, of the newest frame.
+        flow: motion from the frame before to the newest one; None if the object was hidden before the newest frame.
+        velocity: (2,) [px per frame], the motion of the whole object.
+        hidden: whether the object was not found in the newest frame.
     """
 
     def __init__(self, frame: np.ndarray, mask: np.ndarray, known: Surroundings, progress: Progress, *, trim: bool = True) -> None:
-        """`frame` (H, W, 3) uint8 RGB and `mask` (H, W) bool of frame 0; `progress` is asked several times a frame.
+        """`frame` (H, W, 3) uint8 RGB and `mask` (H, W) bool are frame 0's; `progress` can cancel several times a frame.
 
-        `trim`: masks end in the middle of a blurred rim.
+        `trim`: finished masks end in the middle of a blurred rim.
         """
         self._trim = trim
         self._progress = progress
@@ -88,7 +90,7 @@ class MaskFollower:
         self.flow: Flow | None = None
 
     def advance(self, frame: np.ndarray) -> np.ndarray:
-        """The mask (H, W) bool of the next `frame` (H, W, 3) uint8 RGB; all False when the object is hidden or gone."""
+        """The mask (H, W) bool of the next `frame` (H, W, 3) uint8 RGB; all False where the object is hidden or gone."""
         gray = cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY)
         shift = self._search(frame)
         self._progress.check()
@@ -140,21 +142,21 @@ class MaskFollower:
 
     def _search(self, frame: np.ndarray) -> np.ndarray:
         size = float(np.sqrt(np.count_nonzero(self._shape.part)))
-        # Nothing is known of the first step; a large thing moves only part of its own width.
+        # Nothing is known about the first step; a large object moves only a part of its own width.
         reach = max(24.0, min(4.0 * size, LEAP), 0.7 * size) if self._steps == 0 else max(12.0, 0.5 * size)
         if self.hidden:
             reach = max(reach, 1.5 * size) * (1 + min(self._missed, 4))
         return body_shift(self._template, self._shape.part, self._shape.window[:2], frame, self.velocity, min(reach, 200.0))
 
     def _motion(self) -> np.ndarray:
-        """(2,) [px], of the whole object: what it lost or gained on a side moves its middle, too, but not its points."""
+        """Motion (2,) [px] of the whole object: the median flow, as its centroid would also move by what the mask gains or loses."""
         if self.flow is None:
             return self.velocity
         motion = np.ascontiguousarray(self.flow.of(self._shape.part, self._shape.window).T)
         return np.array([median_of(one) for one in motion])
 
     def _carry(self, shift: np.ndarray, margin: int) -> tuple[np.ndarray, Window]:
-        """The last silhouette moved by the flow (or the shift), in a window round its new place."""
+        """The last silhouette moved by the flow (without one, by the shift), in a window round its new place, and that window."""
         x0, y0, x1, y1 = there = shifted(self._shape.window, *(int(value) for value in np.round(shift)))
         where = (x0 - margin, y0 - margin, x1 + margin, y1 + margin)
         if self.flow is None:
@@ -165,11 +167,11 @@ class MaskFollower:
         return opened(moved.over(where)), where
 
     def _silhouette(self, frame: np.ndarray, carried: np.ndarray, where: Window) -> np.ndarray:
-        """The object (h, w) bool by its `carried` silhouette (h, w) bool, both in the window `where`."""
+        """The object (h, w) bool, found near its `carried` silhouette (h, w) bool, both in the window `where`."""
         if not carried.any():
             return carried
         band = band_of(float(np.count_nonzero(carried)))
-        # Farther away than three bands, no evidence outweighs the silhouette's.
+        # More than three bands away from the silhouette, no evidence outweighs that distance.
         around = within(shifted(window_of(carried, int(3 * band) + FILTERS), *where[:2]), frame)
         if around[0] >= around[2] or around[1] >= around[3]:
             return np.zeros_like(carried)
@@ -183,11 +185,11 @@ class MaskFollower:
         return placed(own, around, where)
 
     def _with_what_comes_back(self, frame: np.ndarray, found: np.ndarray, where: Window) -> tuple[np.ndarray, Window]:
-        """What `_silhouette` has `found` in the window `where`, found again from a larger shape where much less of the object is seen than
-        once.
+        """The object (h, w) bool that `_silhouette` `found` in the window `where`, found again from a larger shape if much less of the
+        object is seen than once; and its window.
 
-        What comes out behind a post, or of a sheet that was edge-on, lies farther away than a silhouette can be off. What surely is no
-        background and has the object's colours there belongs to it where it adjoins it or lies where the whole of it would be.
+        A part that comes out from behind a post, or a sheet that was edge-on and turns, is farther away than a silhouette can be off.
+        Pixels that are surely not background and have the object's colours belong to it if they adjoin it, or lie where all of it would be.
         """
         self._most = max(self._most, float(np.count_nonzero(found)))
         if np.count_nonzero(found) >= WHOLE * self._most:
@@ -204,7 +206,7 @@ class MaskFollower:
         return (self._silhouette(frame, again, wide), wide) if np.count_nonzero(again) > np.count_nonzero(found) else (found, where)
 
     def _against_plate(self, frame: np.ndarray, around: Window) -> tuple[np.ndarray, np.ndarray] | None:
-        """What `against_plate` says in a window; None where no background is known, or in a window without area."""
+        """The result of `against_plate` in the window `around`; None where no background is known, or if the window has no area."""
         if self._behind is None or self._contrast is None or around[0] >= around[2] or around[1] >= around[3]:
             return None
         return against_plate(frame, self._behind, around, self._contrast)
@@ -217,7 +219,7 @@ class MaskFollower:
         self._missed, self._gray = self._missed + 1 if self.hidden else 0, gray
         self._steps += 1
         if self.hidden:
-            # The last full sight moves on.
+            # The shape seen last moves on by itself.
             self._shape.shift(self.velocity if self._steps > 1 else shift)
             return
         before = middle_of(self._shape.part) + self._shape.window[:2]

@@ -1,4 +1,4 @@
-"""The object in frame 0 from a box round it: what moves together in the box, not what is coloured alike."""
+"""The object in frame 0 from a box round it: what moves together in the box, not what has the same colour."""
 
 from __future__ import annotations
 
@@ -15,8 +15,9 @@ from .moving.in_box import MOVES, NEARBY, Moving, left
 from .rim import cut_back, rim_of, steepness
 
 STEEPER, SPANS_LESS, STAYS_MORE = 0.05, 0.1, 0.1
-"""What an outline by colours needs to be taken instead of one that moves: by how much more of what is in the box its edges are steeper
-than, by how much less of the box it may span, and how much more of it may stand still."""
+"""When an outline by colours replaces one by motion. The steepness under each outline is ranked among the window's pixels: the rank, from 0
+to 1, must be higher by more than STEEPER, the fraction of the box spanned lower by at most SPANS_LESS, and the fraction of the object that
+stands still higher by at most STAYS_MORE."""
 
 NEITHER = "Mark the object in the first frame by --box, --points, or --mask with a PNG."
 
@@ -26,22 +27,22 @@ def mask_in_box(
 ) -> np.ndarray:
     """The object (H, W) bool inside `box` (x0, y0, x1, y1) [px]; what surrounds the box is background.
 
-    GrabCut (Rother 2004), begun with what changes over the clip as the object and what does not as background.
+    GrabCut (Rother 2004), initialised with what changes over the clip as the object and what does not as background.
 
     Args:
         frame: (H, W, 3) uint8 RGB, frame 0.
-        plate: the background; None where the camera moves, and then only colours count.
-        moving: see `moving_from`; None where there is but one frame.
+        plate: the background; None if the camera moves, and then only colours count.
+        moving: see `moving_from`; None if the clip has a single frame.
 
     Raises:
-        UsageError: a box outside the frame or without area.
+        UsageError: a box outside the frame, without area, or round the whole frame.
         ObjectError: nothing in the box stands out.
     """
     inside = _pixels_of(box, *frame.shape[:2])
     if plate is None or moving is None:
         mask = by_colors(frame, inside, progress)
     else:
-        # With a background, frame 0 is looked at again.
+        # This need not be exact: with a background, frame 0 is segmented once more, see `refined`.
         mask = _by_motion(frame, inside, plate, moving, progress)
     if mask.sum() < LEAST_PIXELS:
         raise ObjectError(
@@ -51,7 +52,8 @@ def mask_in_box(
 
 
 def by_colors(frame: np.ndarray, inside: np.ndarray, progress: Progress) -> np.ndarray:
-    """What GrabCut finds in the box `inside` (H, W) bool by the colours of `frame` (H, W, 3) uint8 alone, (H, W) bool; maybe nothing."""
+    """The region (H, W) bool that GrabCut finds in the box `inside` (H, W) bool by the colours of `frame` (H, W, 3) uint8 alone; may be
+    empty."""
     window = _surroundings(inside)
     boxed, mask = cut(inside, window), np.zeros(inside.shape, bool)
     found = grab_cut(cut(frame, window), np.where(boxed, cv2.GC_PR_FGD, cv2.GC_BGD).astype(np.uint8), 5, progress)
@@ -60,8 +62,8 @@ def by_colors(frame: np.ndarray, inside: np.ndarray, progress: Progress) -> np.n
 
 
 def _by_motion(frame: np.ndarray, inside: np.ndarray, plate: Plate, moving: Moving, progress: Progress) -> np.ndarray:
-    """What GrabCut finds in the box `inside` (H, W) bool of `frame`, frame 0, (H, W) bool, begun with what moves by itself or differs from
-    the background as the object."""
+    """The region (H, W) bool that GrabCut finds in the box `inside` (H, W) bool of `frame`, which is frame 0, initialised with what moves
+    or differs from the background as the object."""
     window, near = _surroundings(inside), within(window_of(inside, NEARBY), frame)
     boxed, behind = cut(inside, window), left(frame, plate, window)
     motion = np.zeros(boxed.shape, np.float32)
@@ -69,15 +71,15 @@ def _by_motion(frame: np.ndarray, inside: np.ndarray, plate: Plate, moving: Movi
     trimap, likely = np.where(boxed, cv2.GC_PR_FGD, cv2.GC_BGD).astype(np.uint8), (motion + behind > 0.0) & boxed
     if likely.sum() > max(MOVES * boxed.sum(), LEAST_PIXELS):
         trimap[boxed & ~likely] = cv2.GC_PR_BGD
-        # Of what changes, only a shadow is surely no object: where a path is short, the median shows the object itself. Blurred rims look
-        # like shadows, but are narrow.
+        # Where the median contradicts motion, only a shadow is surely not the object: if the object's path is short, the median shows the
+        # object itself. Blurred rims look like shadows, but are narrow.
         shadow = opened((plate.compared(frame, window)[1] != 0) & (behind < -1.0))
         trimap[boxed & (behind < -1.0) & ((motion < 0.0) | shadow & (motion <= 0.0))] = cv2.GC_BGD
-        # Where both agree, colours are not asked; gaps narrower than a codec's blocks are closed.
+        # Where motion and background agree, colours need not decide; gaps narrower than a codec's blocks are closed.
         trimap[boxed & closed(behind > 0.0, 9) & ~opened(behind < 0.0, 5) & (motion > 0.0)] = cv2.GC_FGD
     found = grab_cut(cut(frame, window), trimap, 5, progress)
     if found.sum() < max(MOVES * boxed.sum(), LEAST_PIXELS):
-        # A box that GrabCut empties holds something too small or too alike: trust what changes.
+        # If GrabCut leaves next to nothing, the object is too small or too similar in colour: trust what changes.
         found = likely
     mask = np.zeros(inside.shape, bool)
     paste(mask, tidy(found & boxed), window)
@@ -85,11 +87,12 @@ def _by_motion(frame: np.ndarray, inside: np.ndarray, plate: Plate, moving: Movi
 
 
 def better_drawn(frame: np.ndarray, mask: np.ndarray, other: np.ndarray, inside: np.ndarray, still: np.ndarray) -> np.ndarray:
-    """The `other` outline (H, W) bool in the box `inside` (H, W) bool if it goes along clearly steeper edges of `frame` (H, W, 3) uint8
-    than `mask` (H, W) bool does, spans about as much of the box, and holds hardly more of what stands `still`; else `mask`.
+    """The better of two masks of the object (H, W) bool in the box `inside` (H, W) bool: `mask`, found by motion, or `other`, by colours.
 
-    Motion says what the object is, but where little of it is seen to move, or what it hides moves with it, colours draw it better.
-    `still` (h, w) bool is of the window of the box and NEARBY pixels round it, as far as the frame goes.
+    `other` is returned if it follows clearly steeper edges of `frame` (H, W, 3) uint8 than `mask`, spans about as much of the box, and
+    contains hardly more of what stands `still`. Motion identifies the object; but where little of it is seen to move, or what it hides
+    seems to move with it, colours outline it better. `still`: (h, w) bool, in the window of the box and NEARBY pixels round it, clipped to
+    the frame.
     """
     window = within(window_of(inside, NEARBY), frame)
     shapes = [cut(one, window) for one in (mask, other)]
@@ -104,19 +107,19 @@ def better_drawn(frame: np.ndarray, mask: np.ndarray, other: np.ndarray, inside:
 
 
 def _spans(mask: np.ndarray, inside: np.ndarray) -> float:
-    """The part of the box `inside` (H, W) bool that the bounds of `mask` (H, W) bool, not empty, cover."""
+    """The fraction of the box `inside` (H, W) bool that the bounding box of `mask` (H, W) bool, not empty, covers."""
     (x0, y0, x1, y1), (a0, b0, a1, b1) = window_of(mask, 0), window_of(inside, 0)
     return (x1 - x0) * (y1 - y0) / ((a1 - a0) * (b1 - b0))
 
 
 def _surroundings(inside: np.ndarray) -> Window:
-    """The window in which the box `inside` (H, W) bool is looked at, with half of its sides beside it."""
+    """The window in which the box `inside` (H, W) bool is segmented: wider by half of its sides, or more, in each direction."""
     x0, y0, x1, y1 = window_of(inside, 0)
     return within(window_of(inside, max(20, (x1 - x0) // 2, (y1 - y0) // 2)), inside)
 
 
 def box_round(mask: np.ndarray) -> tuple[float, float, float, float]:
-    """The box (x0, y0, x1, y1) [px] that a person draws round `mask` (H, W) bool, inside the frame."""
+    """A box (x0, y0, x1, y1) [px] round `mask` (H, W) bool as a person would draw it, inside the frame."""
     x0, y0, x1, y1 = window_of(mask, 0)
     margin = max(4.0, 0.05 * max(x1 - x0 - 1, y1 - y0 - 1))
     height, width = mask.shape
@@ -124,7 +127,7 @@ def box_round(mask: np.ndarray) -> tuple[float, float, float, float]:
 
 
 def _pixels_of(box: tuple[float, float, float, float], height: int, width: int) -> np.ndarray:
-    """(H, W) bool, the box. Raises UsageError as `mask_in_box`."""
+    """The pixels (H, W) bool inside `box`; raises UsageError as `mask_in_box` does."""
     if not np.isfinite(box).all() or box[2] <= box[0] or box[3] <= box[1]:
         raise UsageError(f"The box {numbers(box)} has no area.", "Give X0 Y0 X1 Y1 with X0 < X1 and Y0 < Y1, in pixels from the top left.")
     x0, y0 = max(int(np.floor(box[0])), 0), max(int(np.floor(box[1])), 0)
@@ -133,7 +136,7 @@ def _pixels_of(box: tuple[float, float, float, float], height: int, width: int) 
         raise UsageError(f"The box {numbers(box)} lies outside the {width}x{height} frame.", NEITHER)
     if x1 - x0 >= width - 2 and y1 - y0 >= height - 2:
         raise UsageError(
-            "The box covers the whole frame, so nothing is left to tell the background from.", "Draw it close round the object."
+            "The box covers the whole frame, so nothing outside it shows the background.", "Draw it close round the object."
         )
     inside = np.zeros((height, width), bool)
     inside[y0 : y1 + 1, x0 : x1 + 1] = True
@@ -149,19 +152,20 @@ def refined(
     other: np.ndarray,
     contrast: Contrast | None,
 ) -> np.ndarray:
-    """The object in `frame` (H, W, 3), frame 0, found again with the background known, within `allowed` (H, W) bool.
+    """The object (H, W) bool in `frame` (H, W, 3), which is frame 0, found again within `allowed` (H, W) bool now that the background is
+    known.
 
-    `mask` (H, W) bool: where it was found before; `other` (H, W) bool: see `others.beyond_box`; `contrast`: None learns it from frame 0.
+    `mask` (H, W) bool: where it was found before; `other` (H, W) bool: see `others.beyond_box`; `contrast`: if None, learnt from frame 0.
     """
     band = band_of(float(mask.sum()))
     window = within(window_of(allowed, NEARBY), frame)
     crop, shape = cut(frame, window), cut(mask, window, cv2.BORDER_CONSTANT)
     colors = Colors(crop[shape], crop[~widened(shape, 2)]).odds(crop)
     odds, known = against_plate(frame, plate, window, contrast or Contrast(plate, [(frame, mask)]))
-    # What never changes may be a part of the object that is held: its colour can outweigh that, here alone.
+    # What never changes may be a held part of the object: within the hull, the silhouette does not count against it, so colours can decide.
     expected = against_shape(shape, band)
     expected = np.where(enclosed(shape), np.maximum(expected, 0.0), expected)
-    # Both count half: the silhouette is a first guess, and dense flow runs on for some pixels into what lies beside a thing that moves.
+    # Both count half: the silhouette is a first guess, and dense flow extends some pixels beyond a moving object's border.
     odds = weighed(0.5 * expected, (odds, known), colors, cut(other, window) & ~(known & (odds < 0.0)), 0.5 * moving(window))
     inside = cut(allowed, window, cv2.BORDER_CONSTANT)
     odds[~inside] = -2.0 * SURE
@@ -172,5 +176,5 @@ def refined(
 
 
 def numbers(values: tuple[float, ...]) -> str:
-    """Numbers as they were given on the command line."""
+    """`values` as they were written on the command line."""
     return " ".join(f"{value:g}" for value in values)

@@ -1,4 +1,4 @@
-"""How the object moved between two frames: first one shift for the whole of it, then dense optical flow round that shift."""
+"""How the object moved between two frames: first one shift for the whole object, then dense optical flow round that shift; and windows."""
 
 from __future__ import annotations
 
@@ -10,31 +10,32 @@ import numpy as np
 from ...masks import Masks, box_of
 
 Window = tuple[int, int, int, int]
-"""x0, y0, x1, y1 [px], the end exclusive; may reach outside the frame."""
+"""x0, y0, x1, y1 [px], x1 and y1 exclusive; may reach outside the frame."""
 
 TEMPLATE = 40
 """Pixels along the longer side of the template that the whole-body search uses."""
 
 FLOW_PIXELS = 260_000
-"""Window size beyond which flow is computed on a smaller copy, to keep a frame under half a second."""
+"""Window area [px] beyond which flow is computed on a smaller copy, to keep a frame under half a second."""
 
 ROUGH_PIXELS = 30_000
-"""The same where the motion only has to be about right: a silhouette and anchored tracks find their places by themselves."""
+"""The same where approximate motion is enough: a silhouette and anchored tracks are refined afterwards anyway."""
 
 
 @dataclass(frozen=True)
 class Flow:
-    """Motion from one frame to the next inside a window, as finely as it was found."""
+    """Motion from one frame to the next inside a window, at the resolution at which it was computed."""
 
     x0: float
     y0: float
+    """The window's top left corner [px]."""
     motion: np.ndarray
-    """(h, w, 2) float32 [px], of the window in h rows of w places."""
+    """(h, w, 2) float32 [px], at h rows of w samples that cover the window."""
     scale: tuple[float, float] = (1.0, 1.0)
-    """Pixels from one place to the next, along x and y."""
+    """Distance [px] between neighbouring samples, along x and y."""
 
     def at(self, xy: np.ndarray) -> np.ndarray:
-        """Motion (K, 2) [px] at points (K, 2), bilinear, held at the window's rim."""
+        """Motion (K, 2) [px] at the points `xy` (K, 2) [px], interpolated bilinearly; outside the window, that of its rim."""
         if not len(xy):
             return np.zeros((0, 2))
         local = ((xy - [self.x0, self.y0] + 0.5) / self.scale - 0.5).astype(np.float32).reshape(-1, 1, 2)
@@ -42,7 +43,7 @@ class Flow:
         return cv2.remap(self.motion, local, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).reshape(-1, 2).astype(np.float64)
 
     def over(self, window: Window) -> np.ndarray:
-        """Motion (h, w, 2) float32 [px] of all pixels in `window`, as `at`."""
+        """Motion (h, w, 2) float32 [px] of all pixels in `window`, interpolated as in `at`."""
         size = (window[2] - window[0], window[3] - window[1])
         low = [(start - begin + 0.5) / one - 0.5 for start, begin, one in zip(window, (self.x0, self.y0), self.scale)]
         inverse = np.array([[1.0 / self.scale[0], 0.0, low[0]], [0.0, 1.0 / self.scale[1], low[1]]])
@@ -50,7 +51,7 @@ class Flow:
 
     def of(self, part: np.ndarray, window: Window) -> np.ndarray:
         """Motion (N, 2) float32 [px] of the pixels of `part` (h, w) bool in `window`, row by row."""
-        # Both components as one number: NumPy picks those ten times as quickly as pairs.
+        # Both components as one complex number: NumPy selects these ten times as fast as pairs.
         return self.over(window).view(np.complex64)[..., 0][part].view(np.float32).reshape(-1, 2)
 
 
@@ -61,26 +62,26 @@ def window_of(mask: np.ndarray, margin: int) -> Window:
 
 
 def shifted(window: Window, dx: int, dy: int) -> Window:
-    """`window` elsewhere, or counted from another corner."""
+    """`window` moved by `dx` and `dy` pixels."""
     x0, y0, x1, y1 = window
     return x0 + dx, y0 + dy, x1 + dx, y1 + dy
 
 
 def passed(masks: Masks, margin: int) -> Window:
-    """The smallest window that holds all `masks` (T+1, H, W), of which one at least is not empty, `margin` pixels wider on each side."""
+    """The smallest window that contains all `masks` (T+1, H, W), at least one of them not empty, `margin` pixels wider on each side."""
     seen = masks.windows[masks.windows[:, 2] > 0].astype(int)
     (x0, y0), (x1, y1) = seen[:, :2].min(axis=0) - margin, seen[:, 2:].max(axis=0) + margin
     return int(x0), int(y0), int(x1), int(y1)
 
 
 def joined(window: Window, other: Window) -> Window:
-    """The smallest window that holds both."""
+    """The smallest window that contains both `window` and `other`."""
     (x0, y0, x1, y1), (a0, b0, a1, b1) = window, other
     return min(x0, a0), min(y0, b0), max(x1, a1), max(y1, b1)
 
 
 def placed(part: np.ndarray, window: Window, where: Window) -> np.ndarray:
-    """`part` (h, w) bool of `window` in the window `where`, False beyond."""
+    """`part` (h, w) bool, given in `window`, in the window `where`; False where `part` has no pixels."""
     values = np.zeros((where[3] - where[1], where[2] - where[0]), bool)
     if part.size:
         paste(values, part, shifted(window, -where[0], -where[1]))
@@ -88,14 +89,14 @@ def placed(part: np.ndarray, window: Window, where: Window) -> np.ndarray:
 
 
 def within(window: Window, frame: np.ndarray) -> Window:
-    """The part of `window` that lies in `frame` (H, W, ...); without area where none does."""
+    """The part of `window` that lies in `frame` (H, W, ...); without area if none does."""
     height, width = frame.shape[:2]
     x0, y0, x1, y1 = window
     return min(max(x0, 0), width), min(max(y0, 0), height), max(min(x1, width), 0), max(min(y1, height), 0)
 
 
 def band_of(area: float) -> float:
-    """Pixels by which a silhouette of `area` [px] may be off when it was carried from one frame to the next."""
+    """Distance [px] by which the border of a silhouette of `area` [px] may be off after it was carried from one frame to the next."""
     return float(np.clip(0.06 * np.sqrt(area), 2.0, 9.0))
 
 
@@ -107,17 +108,17 @@ def middle_of(mask: np.ndarray) -> np.ndarray:
 
 
 def median_of(values: np.ndarray) -> float:
-    """The median of `values` (N,), which are not none: as NumPy's, which orders three places one by one and takes ten times as long."""
+    """The median of `values` (N,), N > 0. The same as NumPy's, which partitions at three places and takes ten times as long."""
     middle = len(values) // 2
     ordered = np.partition(values, middle)
     return float(ordered[middle] if len(values) % 2 else 0.5 * (ordered[:middle].max() + ordered[middle]))
 
 
 def cut(frame: np.ndarray, window: Window, border: int = cv2.BORDER_REPLICATE) -> np.ndarray:
-    """The part of `frame` (H, W, ...) in `window`; outside the frame its rim is repeated (or zero with cv2.BORDER_CONSTANT)."""
+    """The part of `frame` (H, W, ...) in `window`; outside the frame its rim is repeated (zeros with cv2.BORDER_CONSTANT)."""
     height, width = frame.shape[:2]
     x0, y0, x1, y1 = window
-    # Far outside, the rim's last pixel stands for all: clip so that the slice is never empty.
+    # Clipped so that the slice is never empty: a window far outside is filled from the rim's nearest pixels.
     a0, b0 = min(max(x0, 0), width - 1), min(max(y0, 0), height - 1)
     a1, b1 = max(min(x1, width), a0 + 1), max(min(y1, height), b0 + 1)
     part = frame[b0:b1, a0:a1]
@@ -130,7 +131,7 @@ def cut(frame: np.ndarray, window: Window, border: int = cv2.BORDER_REPLICATE) -
 
 
 def paste(target: np.ndarray, values: np.ndarray, window: Window) -> None:
-    """Write `values` (h, w) of `window` into `target` (H, W), leaving out what lies outside."""
+    """Write `values` (h, w), given in `window`, into `target` (H, W), without what lies outside it."""
     height, width = target.shape[:2]
     x0, y0, x1, y1 = window
     a0, b0, a1, b1 = max(x0, 0), max(y0, 0), min(x1, width), min(y1, height)
@@ -148,14 +149,14 @@ def body_shift(
 ) -> np.ndarray:
     """The shift (2,) [px] that carries the whole object into the next frame.
 
-    Masked template search: mean squared colour difference, plus a mild pull towards the expected shift.
+    Masked template matching: root mean squared colour difference, plus a mild pull towards the expected shift.
 
     Args:
-        template: (h, w, 3) uint8, the object's bounding box in the frame before.
+        template: (h, w, 3) uint8, the pixels of the object's bounding box in the frame before.
         weight: (h, w) bool, the object in it.
-        origin: x, y of the template's corner.
+        origin: x, y [px] of the template's top left corner in its frame.
         frame: (H, W, 3) uint8, the next frame.
-        expected: (2,) [px], the shift so far.
+        expected: (2,) [px], the expected shift.
         reach: [px] searched on each side of the expected shift.
     """
     scale = min(1.0, TEMPLATE / max(weight.shape))
@@ -175,17 +176,17 @@ def body_shift(
     step = (window[2] - window[0]) / room[0]
     y, x = np.mgrid[: cost.shape[0], : cost.shape[1]]
     shifts = np.stack([x * step - reach, y * step - reach], axis=-1)
-    # The pull costs five grey levels at the rim of the search: it decides between equals only.
+    # The pull costs five grey levels at the rim of the search: it only decides between nearly equal matches.
     cost += 5.0 * np.linalg.norm(shifts, axis=-1) / max(reach, 1)
     row, column = np.unravel_index(int(np.argmin(cost)), cost.shape)
     return base + shifts[row, column]
 
 
 class FlowSolver:
-    """Dense inverse search flow (Kroeger 2016) round a known shift, on the object's window only."""
+    """Dense inverse search flow (Kroeger 2016) round a known shift, in the object's window only."""
 
     def __init__(self, *, rough: bool = False) -> None:
-        """`rough`: the motion only has to be about right."""
+        """`rough`: approximate motion is enough."""
         self._pixels = ROUGH_PIXELS if rough else FLOW_PIXELS
         self._solver = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
         self._solver.setFinestScale(0)
@@ -195,7 +196,7 @@ class FlowSolver:
             self._solver.setVariationalRefinementIterations(2)
 
     def between(self, before: np.ndarray, after: np.ndarray, window: Window, shift: np.ndarray) -> Flow:
-        """Flow in `window` of the gray frame `before` (H, W) uint8 to `after`, the object moving by about `shift` (2,) [px]."""
+        """Flow in `window` from the grey frame `before` to `after`, both (H, W) uint8; the object moves by about `shift` (2,) [px]."""
         dx, dy = (int(value) for value in np.round(shift))
         x0, y0, x1, y1 = window
         first, second = cut(before, window), cut(after, (x0 + dx, y0 + dy, x1 + dx, y1 + dy))

@@ -1,8 +1,8 @@
-"""The rim of a silhouette: without the shadow that hangs on it and what its box cuts through, found again by what is near it in the same
-frame, and cut in the middle of its blur.
+"""Refining the rim of a silhouette in a single frame: attached shadows and parts cut by the user's box are removed, the outline is found
+again from nearby colours, and it ends in the middle of its blur.
 
-A shadow that moves along with the thing that casts it differs from the background as the thing does. But it fades out over more pixels
-than the lens spreads an edge over, as no light comes from a point, and the thing's own edge is the sharper one.
+A shadow that moves along with the object that casts it differs from the background as the object does. But no light source is a point, so
+a shadow fades out over more pixels than the lens blurs an edge over: the object's own edge is sharper.
 """
 
 from __future__ import annotations
@@ -16,62 +16,65 @@ from .cutting import grab_cut, narrowed, opened, tidy, widened
 from .motion import Window, band_of, cut, median_of, paste, window_of, within
 
 CORE = 0.3
-"""Depth of a silhouette from which it is surely the object, in units of its largest."""
+"""Depth in a silhouette from which a pixel surely is the object, in units of the greatest depth."""
 
 SMALLEST = 9
-"""Pixels of a part below which its edges are too short to tell anything."""
+"""Area [px] below which a part's edges are too short to judge."""
 
 DARKER = 0.8
-"""Part of a shadow that is darker than the background in every channel, if the rest may be noise."""
+"""Fraction of a shadow that must be darker than the background in every channel; the rest may be noise."""
 
 WEAKER = 0.8
-"""Contrast of a shadow's outer edge per pixel, in units of that of the edge between it and the object, at most."""
+"""Largest gradient of a shadow's outer edge, in units of the gradient of the edge between shadow and object."""
 
 SOFTER = 0.6
-"""How steeply a shadow's outer edge rises to its contrast, in units of how steeply the object's own edge does, at most."""
+"""Largest relative steepness of a shadow's outer edge (gradient over contrast), in units of that of the object's own edge."""
 
 STEEP = (0.15, 0.25)
-"""Part of its contrast that an edge gains per pixel: the least of a thing that may cast a shadow, and the usual where all of its rim is
-in doubt."""
+"""Relative steepness of an object's own edge [1/px], the fraction of its contrast that it gains per pixel: the least, and the one assumed
+where the whole rim is in doubt."""
 
 CUT = 0.75
-"""Length of a box's border across a part, in units of the root of the part's area, from which the part goes on beyond it."""
+"""Length of the box's border across a part, in units of the root of the part's area, from which the part is taken to go on outside."""
 
 EDGE = 3
-"""Pixels over which an edge rises to its contrast."""
+"""Pixels over which an edge rises to its full contrast."""
 
 BESIDE, INSIDE = 24, 0.6
-"""Pixels beyond the band in which an outline is found again that show the surroundings' colours, and the part of the depth that the object
-has nearby, a stem less than a head, which the band reaches at most."""
+"""Width [px] beyond the band, in which an outline is found again, that shows the colours of the surroundings; and the fraction of the
+object's local depth (less in a stem than in a head) that the band may reach inwards."""
 
 PIXELS = 25_000
-"""Region size beyond which GrabCut sees a smaller copy where an outline is found again: the rim of a large thing is little of it."""
+"""Area [px] beyond which GrabCut works on a smaller copy when an outline is found again: a large object's rim is a small part of it."""
 
 THIN = 5
-"""Pixels of that copy up to which a part is too thin to be found again in it."""
+"""Thickness [px of that copy] up to which a part is too thin to be found again in it."""
 
 MIXED, NEAR = 1.5, 3
-"""Pixels on either side of an outline over which colours are mixed, and pixels round one of the rim in which those beyond are averaged."""
+"""Distance [px] on either side of an outline over which colours are mixed, and distance [px] from a rim pixel up to which the unmixed
+colours of each side are averaged."""
 
 GRAIN = 7.0
-"""Grey levels by which the two sides have to differ for a mixture to be told."""
+"""Difference between the colours of the two sides from which their mixture can be resolved [grey levels]."""
 
 
 def cut_back(frame: np.ndarray, mask: np.ndarray, plate: Plate | None, progress: Progress) -> np.ndarray:
-    """The outline `mask` (H, W) bool in `frame` (H, W, 3) uint8 as it is handed on: `unshaded` where the background is known, then
+    """The object `mask` (H, W) bool in `frame` (H, W, 3) uint8 with its rim refined: by `unshaded` if the background is known, then by
     `cut_again` and `halved`."""
     own = mask if plate is None else unshaded(frame, mask, plate)
     if not own.any():
         return own
     again = cut_again(frame, own, progress)
-    # Of something as thin as a thread, a smaller copy may show nothing.
+    # An object as thin as a thread may vanish in the smaller copy.
     return halved(frame, again) if again.any() else own
 
 
 def cut_again(frame: np.ndarray, mask: np.ndarray, progress: Progress) -> np.ndarray:
-    """The outline `mask` (H, W) bool, not empty, found again within a band round its border by the colours and edges of `frame` alone.
+    """The object (H, W) bool, found again within a band round the border of `mask` (H, W) bool, not empty, by the colours and edges of
+    `frame` alone.
 
-    What was carried here is only about right. So GrabCut begins with it, and what lies deeper or farther away than it may be off is sure.
+    A carried mask is only approximate: GrabCut is initialised with it, and only pixels farther from its border than it may be off are
+    fixed.
     """
     band = band_of(float(np.count_nonzero(mask)))
     window = within(window_of(mask, int(band) + BESIDE), frame)
@@ -83,7 +86,7 @@ def cut_again(frame: np.ndarray, mask: np.ndarray, progress: Progress) -> np.nda
     trimap[distance > band] = cv2.GC_BGD
     again = grab_cut(cut(frame, window), trimap, 1, progress, PIXELS)
     if trimap.size > PIXELS:
-        # A stem is hardly a pixel wide on a smaller copy: it is left as it was.
+        # A stem is hardly a pixel wide in a smaller copy: it is left as it was.
         across = int(THIN * np.sqrt(trimap.size / PIXELS)) | 1
         again = np.where(widened(opened(shape, across), across // 2), again, shape)
     found = np.zeros_like(mask)
@@ -92,10 +95,10 @@ def cut_again(frame: np.ndarray, mask: np.ndarray, progress: Progress) -> np.nda
 
 
 def halved(frame: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """The outline `mask` (H, W) bool, not empty, without the outer half of its blurred rim.
+    """The object `mask` (H, W) bool, not empty, without the outer half of its blurred rim.
 
-    A lens and a codec mix the colours of both sides there. The object ends where half of the mixture is its own; both sides' colours are
-    those nearby beyond the rim. What is too thin to have an inside stays as it is.
+    A lens and a codec mix the colours of both sides in the rim. The object ends where half of the mixture is its own colour; the colours
+    of the two sides are averaged nearby, outside the rim. Parts too thin to have an unmixed inside stay as they are.
     """
     window = within(window_of(mask, NEAR), frame)
     shape, smooth = cut(mask, window).copy(), cv2.GaussianBlur(cut(frame, window), (0, 0), 0.7)
@@ -112,8 +115,8 @@ def halved(frame: np.ndarray, mask: np.ndarray) -> np.ndarray:
 
 
 def _averaged(smooth: np.ndarray, side: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The colours (P, 3) float32 of `smooth` (h, w, 3) uint8 on one `side` (h, w) bool, averaged nearby, and whether there are any, (P,)
-    bool: for the pixels whose numbers, row by row, are `at` (P,)."""
+    """The mean colour (P, 3) float32 of the pixels of `smooth` (h, w, 3) uint8 on one `side` (h, w) bool within NEAR of each of the pixels
+    with flat indices `at` (P,), and whether there are any, (P,) bool."""
     size = (2 * NEAR + 1, 2 * NEAR + 1)
     some = cv2.boxFilter(side.astype(np.uint8), cv2.CV_32F, size, normalize=False).reshape(-1)[at]
     total = cv2.boxFilter(cv2.bitwise_and(smooth, smooth, mask=side.astype(np.uint8)), cv2.CV_32F, size, normalize=False)
@@ -122,20 +125,22 @@ def _averaged(smooth: np.ndarray, side: np.ndarray, at: np.ndarray) -> tuple[np.
 
 
 def _depths(shape: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """How deep in `shape` (h, w) bool, which goes on beyond the window, a pixel lies, and how far from it, (h, w) float32 [px] both."""
+    """Depth of each pixel inside `shape` (h, w) bool and its distance outside, both (h, w) float32 [px]; the shape goes on beyond the
+    window."""
     one = shape.astype(np.uint8)
     return _depth(one), _depth(1 - one)
 
 
 def _depth(one: np.ndarray) -> np.ndarray:
-    """(h, w) float32 [px] from where `one` (h, w) uint8, which goes on beyond the window, is 0."""
+    """Distance (h, w) float32 [px] to the nearest pixel where `one` (h, w) uint8 is 0; it goes on beyond the window."""
     return cv2.distanceTransform(cv2.copyMakeBorder(one, 1, 1, 1, 1, cv2.BORDER_REPLICATE), cv2.DIST_L2, 5)[1:-1, 1:-1]
 
 
 def boxed_in(frame: np.ndarray, mask: np.ndarray, box: np.ndarray, plate: Plate) -> np.ndarray:
-    """The outline `mask` (H, W) bool without parts that the `box` (H, W) bool, drawn round the object, cuts through: they go on outside it.
+    """The object `mask` (H, W) bool without parts that the user's `box` (H, W) bool cuts through: these go on outside the box, so they are
+    not the object.
 
-    Such a part lies beyond the steepest edges, the box's border cuts it about as wide as it is, and no background is known beyond that.
+    Such a part lies beyond the steepest edges, the box's border crosses its full width, and no known background is seen beyond the border.
     """
     if not mask.any() or (mask & ~box).any():
         return mask
@@ -143,7 +148,7 @@ def boxed_in(frame: np.ndarray, mask: np.ndarray, box: np.ndarray, plate: Plate)
     smooth, shape = cv2.GaussianBlur(cut(frame, window), (0, 0), 1.0), cut(mask, window)
     labels, area = _parts(shape & ~core(smooth, shape))
     unseen = ~cut(plate.reliable, window) | (plate.compared(frame, window)[0] >= 3.0 * plate.noise)
-    # Nearer to the box, a lens and a codec spread what touches its border.
+    # Not directly at the box: there, a lens and a codec spread what touches its border.
     border = widened(unseen & ~cut(widened(box, 2), window), 4)
     cuts = np.bincount(labels[border], minlength=len(area)) / 2.0
     gone = cuts > CUT * np.sqrt(area)
@@ -152,10 +157,11 @@ def boxed_in(frame: np.ndarray, mask: np.ndarray, box: np.ndarray, plate: Plate)
 
 
 def unshaded(frame: np.ndarray, mask: np.ndarray, plate: Plate) -> np.ndarray:
-    """The outline `mask` (H, W) bool without the shadow that hangs on it.
+    """The object `mask` (H, W) bool without the shadow attached to it.
 
-    Steepest edges between its core and what lies beside it are found by watershed (Meyer 1992). A part of it outside them is a shadow
-    if it is darker than the background, and ends in an edge that is weaker than that towards the core and softer than the rim elsewhere.
+    A watershed (Meyer 1992) finds the steepest edges between the object's core and its surroundings. A part of the mask outside these edges
+    is a shadow if it is darker than the background, and its outer edge is weaker than its edge towards the core and softer than the rest of
+    the rim.
     """
     if not mask.any():
         return mask
@@ -187,20 +193,20 @@ def unshaded(frame: np.ndarray, mask: np.ndarray, plate: Plate) -> np.ndarray:
 
 
 def _parts(rest: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Labels (h, w) of the parts of `rest` (h, w) bool that are no slivers, 0 elsewhere, and the pixels of each label."""
+    """Labels (h, w) of the connected parts of `rest` (h, w) bool, without slivers, 0 elsewhere; and the area [px] of each label."""
     count, labels = cv2.connectedComponents(opened(rest).astype(np.uint8), connectivity=4)
     return labels, np.bincount(labels.ravel(), minlength=count)
 
 
 def _without(mask: np.ndarray, shape: np.ndarray, gone: np.ndarray, window: Window) -> np.ndarray:
-    """`mask` (H, W) bool, which is `shape` (h, w) bool in `window`, without what is `gone` (h, w) bool and slivers beside that."""
+    """`mask` (H, W) bool, equal to `shape` (h, w) bool in `window`, without the pixels `gone` (h, w) bool and slivers left beside them."""
     left = mask.copy()
     paste(left, opened(shape & ~gone), window)
     return left
 
 
 def core(smooth: np.ndarray, shape: np.ndarray) -> np.ndarray:
-    """The part (h, w) bool of `shape` (h, w) bool within the steepest edges of `smooth` (h, w, 3) uint8 round its deepest places."""
+    """The part (h, w) bool of `shape` (h, w) bool inside the steepest edges of `smooth` (h, w, 3) uint8 round its deepest pixels."""
     depth = _depth(shape.astype(np.uint8))
     marks = np.zeros(shape.shape, np.int32)
     marks[~widened(shape, 2)] = 2
@@ -211,11 +217,11 @@ def core(smooth: np.ndarray, shape: np.ndarray) -> np.ndarray:
 
 
 def steepness(smooth: np.ndarray) -> np.ndarray:
-    """(h, w) float32 [grey levels per pixel], of the channel of `smooth` (h, w, 3) uint8 in which it is steepest."""
+    """Gradient (h, w) float32 [grey levels per pixel] of the channel of `smooth` (h, w, 3) uint8 in which it is largest."""
     across, down = (cv2.Sobel(smooth, cv2.CV_32F, *way, scale=1.0 / 8.0) for way in ((1, 0), (0, 1)))
     return np.sqrt(largest(across * across + down * down))
 
 
 def rim_of(shape: np.ndarray) -> np.ndarray:
-    """(h, w) bool: pixels beside the border of `shape` (h, w) bool, on either side."""
+    """(h, w) bool: the pixels on either side of the border of `shape` (h, w) bool."""
     return widened(shape, 1) & ~narrowed(shape, 1)

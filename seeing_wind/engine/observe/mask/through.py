@@ -1,4 +1,4 @@
-"""The masks of a whole clip, one frame after the other, by something that follows the object."""
+"""The masks of a whole clip, frame by frame, from a follower of the object."""
 
 from __future__ import annotations
 
@@ -18,26 +18,29 @@ if TYPE_CHECKING:
     from ..tracks.reseed import Generations
 
 FINISHING, AHEAD = 2, 4
-"""Masks that are finished at once, and frames that the follower may be ahead of the points, which take them in order."""
+"""Number of masks finished in parallel, and how many frames the follower may be ahead of the points, which take the frames in order."""
 
 
 class Follower(Protocol):
-    """What knows where the object is in one frame after the other. `flow` leads to the newest, None where it is hidden in either."""
+    """Finds the object in one frame after the other."""
 
     mask: np.ndarray
+    """(H, W) bool, of the newest frame."""
     flow: Flow | None
+    """Motion from the frame before to the newest one; None where the object was hidden before."""
 
     def advance(self, frame: np.ndarray) -> np.ndarray:
         """The mask (H, W) bool of the next `frame` (H, W, 3) uint8 RGB; all False when the object is hidden or gone."""
 
     def finished(self, frame: np.ndarray, mask: np.ndarray) -> np.ndarray:
-        """The `mask` that `advance` gave for `frame`, as it is handed on. Nothing of what follows depends on it, so it may run beside."""
+        """The final mask (H, W) bool for the `mask` that `advance` returned for `frame`. Later frames do not depend on it, so it may run in
+        another thread."""
 
     def state(self) -> dict[str, np.ndarray]:
-        """All that the frames to come depend on, besides the newest frame and its mask."""
+        """All that later frames depend on, besides the newest frame and its mask."""
 
     def resume(self, frame: np.ndarray, mask: np.ndarray, state: dict[str, np.ndarray]) -> None:
-        """Go on behind `frame` with its `mask`, as what gave `state` would have."""
+        """Continue after `frame` and its `mask` as the follower that returned `state` would have."""
 
 
 def followed(
@@ -51,8 +54,9 @@ def followed(
     """The masks (T+1, H, W) of `count` frames, all False where the object is hidden or gone.
 
     Args:
-        frame: (H, W, 3) uint8 RGB by its number from 0 to T; follower: at frame 0.
-        points: advanced behind the follower, so that a large clip is read once; on another core, while it looks at the frames to come.
+        frame: returns frame t, (H, W, 3) uint8 RGB, for t from 0 to T; follower: at frame 0.
+        points: tracked points, advanced behind the follower so that a large clip is read only once; on another core, while the follower
+            looks at later frames.
     """
     packing = Packing()
     packing.add(follower.mask)
@@ -74,7 +78,7 @@ def followed(
                 points.advance(now, flow, mask)
 
         def wait_for(most: int) -> None:
-            """Until at `most` so many frames wait to be handed on."""
+            """Block until at most `most` frames wait to be handed on."""
             while len(waiting) > most:
                 waiting.popleft().result()
 

@@ -22,20 +22,21 @@ from .shape.surface import surface_of
 from .sheet import FEWEST, SheetBuilt, build_sheet
 
 LIMP = 0.1
-"""Cloth whose own weight bends it over less than this part of its size hangs in folds."""
+"""Bending length of cloth, in units of its size, below which it hangs in folds: the length over which its own weight bends it."""
 
 
 @dataclass(frozen=True)
 class Built:
-    """What moves: a `records.Body` but for its look."""
+    """A solid body: a `records.Body` without its look."""
 
     particles: Particles
     material: Material
     surface: Surface
     keypoints: Attachment
     lifted: np.ndarray
-    """(T+1, K, 3) [m], as of `records.Body`."""
+    """(T+1, K, 3) [m], see `records.Body`."""
     tie_sigma: tuple[float, ...]
+    """(K,) [px], see `records.Body`."""
     relief: Relief
     """Front and back of the object in frame 0, for `look.dress`."""
 
@@ -47,14 +48,14 @@ class Built:
 def build(
     observation: Observation, settings: BuildSettings = BuildSettings(), progress: Progress = NoProgress(), journal: Journal = Journal()
 ) -> Built | SheetBuilt:
-    """Particles, material, surface and key points of the object in frame 0; of a thin sheet its path through the clip, too.
+    """Particles, material, surface and key points of the object in frame 0; for a thin sheet also its path through the clip.
 
     Args:
         observation: what was seen; settings: material, form, thickness, number of particles.
-        journal: keeps the tracks that were lifted so far.
+        journal: keeps the frames that were lifted so far.
 
     Raises:
-        MaterialError: an unknown material or numbers that are not physical, or that no sheet has.
+        MaterialError: an unknown material, unphysical numbers, or a material that cannot be a sheet.
         ObjectError: no object in frame 0, too few pixels, no depth on it, or a pin off the object.
     """
     material = material_of(settings)
@@ -86,7 +87,7 @@ def build(
 
 
 def fill_solid(observation: Observation, settings: BuildSettings, material: Material, progress: Progress) -> tuple[Relief, Particles]:
-    """Front and back of a solid in frame 0, and the particles between them. Raises ObjectError as `build`."""
+    """Front and back of a solid in frame 0, and the particles between them. Raises ObjectError as `build` does."""
     relief = relief_of(observation, settings.thickness)
     usual = FLOWING_PARTICLES if material.law in PLASTIC_LAWS else PARTICLES
     count = usual if settings.particles is None else settings.particles
@@ -96,7 +97,7 @@ def fill_solid(observation: Observation, settings: BuildSettings, material: Mate
 
 
 def rest_body(observation: Observation, settings: BuildSettings) -> tuple[Material, Particles] | None:
-    """Material and particles of the body that `build` would make, without their motion; None of a thin sheet. Raises as `build`."""
+    """Material and particles of the body that `build` would make, without its motion; None for a thin sheet. Raises as `build` does."""
     material = material_of(settings)
     if _sheet(observation, settings, material, NoProgress()) is not None:
         return None
@@ -104,10 +105,10 @@ def rest_body(observation: Observation, settings: BuildSettings) -> tuple[Materi
 
 
 def _sheet(observation: Observation, settings: BuildSettings, material: Material, progress: Progress) -> Sheet | None:
-    """The numbers of the sheet that the object is built as, None for a solid.
+    """The properties of the sheet that the object is built as; None for a solid.
 
     Raises:
-        MaterialError: a sheet is asked for, and its material is none or flows.
+        MaterialError: a sheet is asked for, but its material is not known as a sheet or flows.
     """
     if not may_be_sheet(settings):
         return None
@@ -115,7 +116,7 @@ def _sheet(observation: Observation, settings: BuildSettings, material: Material
     if known is None:
         raise MaterialError(f"{material.name} is not known as a sheet.", f"Give one of {', '.join(sorted(SHEETS))}, or --form solid.")
     if material.law in PLASTIC_LAWS:
-        raise MaterialError("A sheet springs back, it has no plastic law.", "Leave --law out, or give --form solid.")
+        raise MaterialError("A sheet is elastic and cannot have a plastic law.", "Leave --law out, or give --form solid.")
     sheet = known.with_own(settings.density, settings.youngs_modulus, settings.poisson_ratio, settings.thickness)
     if settings.form == "sheet":
         return sheet
@@ -129,7 +130,7 @@ def _sheet(observation: Observation, settings: BuildSettings, material: Material
 
 
 def _describe(relief: Relief, particles: Particles) -> str:
-    """What a body is, in words."""
+    """The kind of body, in words."""
     if relief.parts is None:
         return relief.kind
     count = int(relief.parts.sheets.max())
@@ -140,7 +141,8 @@ def _describe(relief: Relief, particles: Particles) -> str:
 def _key_points(
     observation: Observation, relief: Relief, particles: Particles, surface: Surface, progress: Progress
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Key points (K, 3) in frame 0 [m], NaN for tracks without a place, and the standard deviation of a later one's place (K,) [px]."""
+    """Key points (K, 3) in frame 0 [m], NaN for tracks without a place on the body, and the standard deviation of the place (K,) [px], 0
+    for tracks that begin in frame 0."""
     points = place(observation, relief, particles)
     seen = observation.visible & np.isfinite(observation.xy).all(axis=-1)
     first = np.where(seen.any(axis=0) & ~observation.on_centroid, seen.argmax(axis=0), -1)

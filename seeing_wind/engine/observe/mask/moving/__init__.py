@@ -1,9 +1,9 @@
-"""What frame 0 shows moving: the evidence from which an object in a box is begun, and other things that move.
+"""Which pixels of frame 0 move: the evidence with which the search for an object in a box starts, and other things that move.
 
-    soon.py        in the next frames
-    later.py       in any frame, for what rests first, until a hand comes and pushes it
-    in_box.py      which of both
-    registered.py  the first frames of a camera that moves, as one that stands still would have seen them
-    panned.py      what such a camera has shown beside the object so far
-    others.py      what else moves beside the object, comes up to it or holds it
+    soon.py        what moves in the next frames
+    later.py       what moves in any frame, for an object at rest until, say, a hand comes and pushes it
+    in_box.py      the choice between these two
+    registered.py  the first frames of a moving camera, warped as if it had stood still
+    panned.py      the background of a moving camera, from what it has shown beside the object so far
+    others.py      other things that move beside the object, come up to it or hold it
 """

@@ -1,4 +1,4 @@
-"""What moves in a box: at once, or later on where it rests first."""
+"""What moves in a box: in the first frames or, for an object that rests at first, later."""
 
 from __future__ import annotations
 
@@ -18,29 +18,29 @@ from .later import moved_later
 from .soon import MOTION_SURE, moving_odds
 
 MOVES = 0.04
-"""Part of a box that has to change in the clip for what changes to be taken for the object, and the rest of the box for still."""
+"""Fraction of a box that has to change in the clip for the changing pixels to be taken for the object, and the others for still."""
 
 RESTS, MORE = 0.1, 2.0
-"""Part of a box up to which what moves in the first frames, or is gone later, is next to nothing, and how many times as much has to move
-later."""
+"""Fraction of a box up to which what moves in the first frames, or is gone later, counts as next to nothing; and how many times as many
+pixels must then move later."""
 
 NEARBY = 16
-"""Pixels round a box that are looked at, too."""
+"""Width [px] of the margin round a box that is examined, too."""
 
 Moving = Callable[[Window], np.ndarray]
-"""Log odds (h, w) in a window by what frame 0 shows there moving."""
+"""Log odds (h, w) in a window, from the motion of frame 0's pixels there."""
 
 
 def moving_in(frames: Frames, noise: float) -> Moving:
-    """The clip's `moving_odds`, each window's found once."""
+    """The clip's `moving_odds`, computed once for each window."""
     return cache(lambda window: moving_odds(frames, window, noise))
 
 
 def moving_from(frames: Frames, inside: np.ndarray, plate: Plate, progress: Progress) -> Moving:
-    """What moves in the box `inside` (H, W) bool: in the first frames, or, where that is next to nothing, in any.
+    """What moves in the box `inside` (H, W) bool: in the first frames, or, if that is next to nothing, in any frame.
 
-    What neither moves in the first frames nor ever leaves its place to the background may be an object that rests, so what moves away later
-    is sought. It is taken where it is more by far than what moves at first: a shadow's rim, or a hand's.
+    If next to nothing moves in the first frames or ever uncovers the background, the object may be at rest, so what moves away later is
+    sought. This is taken if it is much more than what moves at first, which then is the rim of a shadow or a hand.
     """
     soon = moving_in(frames, plate.noise)
     if not inside.any():
@@ -59,24 +59,26 @@ def moving_from(frames: Frames, inside: np.ndarray, plate: Plate, progress: Prog
 
 
 def hardly_moves(frame: np.ndarray, inside: np.ndarray, plate: Plate, moving: Moving) -> Doubt | None:
-    """Said where so little of the box `inside` (H, W) bool moves or is gone later that only colours tell the object in `frame`, frame 0."""
+    """The doubt to report if so little of the box `inside` (H, W) bool moves or is gone later that only colours tell the object from the
+    background in `frame`, which is frame 0; else None."""
     near = within(window_of(inside, NEARBY), inside)
     boxed = cut(inside, near)
     if (boxed & (changes(frame, plate, moving, near) > 0.0)).sum() > MOVES * boxed.sum():
         return None
     return Doubt(
         1.0,
-        "Next to nothing in the box is seen to move, so in the first frame only colours tell the object from what is behind it.",
+        "Next to nothing in the box is seen to move, so in the first frame only its colours tell the object from the background.",
         "Look at the outline, and mark it by --mask with a PNG if it is wrong, or take frames in which the object moves.",
     )
 
 
 def changes(frame: np.ndarray, plate: Plate, moving: Moving, window: Window) -> np.ndarray:
-    """Log odds (h, w) in `window` for what moves in `frame`, frame 0, or differs from the background there."""
+    """Log odds (h, w) in `window` for pixels of `frame`, which is frame 0, that move or differ from the background."""
     return moving(window) + left(frame, plate, window)
 
 
 def left(frame: np.ndarray, plate: Plate, window: Window) -> np.ndarray:
-    """Log odds (h, w) in `window` for what differs from the background, against shadows and blurred rims; 0 where nothing differs."""
+    """Log odds (h, w) in `window`: positive where `frame` differs from the background, negative for shadows and blurred rims, 0 where
+    nothing differs or the background is unknown."""
     odds, known = against_plate(frame, plate, window, Contrast(), 0.0)
     return np.where(known, np.minimum(odds, MOTION_SURE), 0.0).astype(np.float32)

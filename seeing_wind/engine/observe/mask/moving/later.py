@@ -1,4 +1,4 @@
-"""What rests in the first frames and moves later on, in the shade of the hand that pushes it or behind it."""
+"""What rests in the first frames and moves later, possibly shaded or hidden by the hand that pushes it."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ from ..motion import Window
 from .soon import LEAST_MOTION, flow_and_back, odds_of, places, shrunk
 
 OFTEN = 0.3
-"""Part of the frames in which most of the object is seen away from its place, in which a pixel has to be, too: what passes before a still
-thing carries it along for a few."""
+"""Number of frames in which a pixel must be seen away from its place, as a fraction of the largest such number: something that passes in
+front of a still pixel seems to drag it along, but for a few frames only."""
 
 LIGHT = 3.0
-"""Standard deviation of the blur [px] over which one change of light is allowed: a hand that comes to push the object
-puts it in the shade."""
+"""Standard deviation of the blur [px] over which the light may change by one factor: a hand that comes to push the object shades it."""
 
 RETURNS = (0.01, 2.0)
-"""Part of the squared length of flow there and back, and squared pixels, by which both may miss each other (Sundaram 2010): what is hidden
-misses more."""
+"""Tolerance of the squared forward-backward error of the flow (Sundaram 2010): as a fraction of the squared lengths, and in squared pixels;
+the error is larger where a pixel gets hidden."""
 
 
 def moved_later(frames: Frames, window: Window, noise: float, progress: Progress) -> np.ndarray:
-    """Log odds (h, w) in `window` by what frame 0 shows there moving away in any frame, before a background that stands still.
+    """Log odds (h, w) in `window` that a pixel of frame 0 moves away in any later frame, in front of a background that stands still.
 
-    Flow from frame to frame is added up until it does not return, that is until the pixel is hidden. It is believed where what lies at its
-    end is like frame 0, but for a change of light, and what lies at the pixel's own place is not. What never differs stands still.
+    Flow from frame to frame is accumulated until the forward-backward check fails, that is until the pixel is hidden. The motion is
+    believed where the pixel at its end looks like that of frame 0 up to a change of light, and the one at the original place does not. A
+    pixel that never differs from frame 0 stands still.
     """
     size, scale, seen = shrunk(frames, window)
     first = seen(0)
@@ -56,7 +56,7 @@ def moved_later(frames: Frames, window: Window, noise: float, progress: Progress
 
 
 def unlike(crop: np.ndarray, first: np.ndarray) -> np.ndarray:
-    """How `crop` (h, w, 3) differs from `first` but for a change of light (h, w) float32 [grey levels]."""
+    """Difference (h, w) float32 [grey levels] between `crop` and `first`, both (h, w, 3), after the best local change of light."""
     now, then = crop.astype(np.float32), first.astype(np.float32)
     both, own = (cv2.GaussianBlur(cv2.transform(one, np.ones((1, 3), np.float32)), (0, 0), LIGHT) for one in (now * then, now * now))
     gain = np.clip((both + 1.0) / (own + 1.0), *SHADOW)

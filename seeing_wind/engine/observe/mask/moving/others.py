@@ -1,5 +1,5 @@
-"""Other things beside the object, that hold it, push it or meet it: known by how they move, and carried along, so that nothing of them is
-taken in where the two touch."""
+"""Other things beside the object, which hold it, push it or meet it: recognised by their motion and carried along, so that none of their
+pixels get into the mask where the two touch."""
 
 from __future__ import annotations
 
@@ -14,37 +14,38 @@ from ..motion import Flow, Window, cut, joined, paste, placed, window_of, within
 from .in_box import NEARBY, Moving, changes
 
 FAR = 8
-"""Pixels outside a box that dense flow, a codec's traces and the rim of a thing that fills the box do not reach."""
+"""Distance [px] outside a box that dense flow, a codec's artefacts and the rim of an object that fills the box do not reach."""
 
 WIDE = 0.1
-"""Length of a box's border across what goes on beyond it, in units of the root of the object's area, at least."""
+"""Least length of a box's border that a thing must cross to count as going on beyond it, in units of the root of the object's area."""
 
 AROUND = 0.5
-"""Part of a box's border across which no other thing goes on: what comes out nearly all round the box is the flow's."""
+"""Largest fraction of a box's border that another thing may cross: motion nearly all round the box is an artefact of the flow."""
 
 COMMONER = 0.7
-"""Log odds from which a colour is another thing's: twice as common there as in the object."""
+"""Log odds from which a colour counts as another thing's: twice as common there as in the object."""
 
 THICK, LARGE = 5, 0.3
-"""Thickness of another thing beside the object [px] and in units of the root of the object's area: less is the object's own, missed rim."""
+"""Least thickness of another thing beside the object, in pixels, and in units of the root of the object's area: thinner parts are the
+object's own rim that the mask missed."""
 
 OTHERWISE = 1.0
-"""Pixels per frame by which a thing beside the object has to move otherwise: less is what dense flow is off by."""
+"""Least difference [px per frame] between another thing's motion and the object's: smaller ones are errors of dense flow."""
 
 SAMPLES = 20_000
-"""Pixels of other things whose colours are kept."""
+"""Number of pixels of other things whose colours are kept."""
 
 
 class Other(Carried):
-    """What is known to be another thing: in frame 0, see `beyond_box`; later, what differs from the background beside the object, is thick
-    and moves otherwise. The flow carries it on, until the background or the object is seen there.
+    """The pixels known to be another thing: in frame 0 by `beyond_box`; later those beside the object that differ from the background, are
+    thick and move differently from the object. The flow carries them on, until the background or the object is seen in their place.
 
     Attributes:
-        colors: the object's, against its surroundings and against what was known to be another thing so far.
+        colors: of the object, against its surroundings and against all that was known to be another thing so far.
     """
 
     def __init__(self, frame: np.ndarray, mask: np.ndarray, other: np.ndarray | None) -> None:
-        """`frame` (H, W, 3) uint8; the object `mask` (H, W) bool, and another thing (H, W) bool, if there is one, in it."""
+        """`frame` (H, W, 3) uint8; in it, the object's `mask` (H, W) bool and `other` (H, W) bool, another thing, None if there is none."""
         super().__init__("other", other)
         self._beside = Carried("beside")
         around = window_of(mask, 24)
@@ -53,7 +54,7 @@ class Other(Carried):
         self.colors = self._learnt()
 
     def move(self, frame: np.ndarray, flow: Flow | None, motion: np.ndarray, sought: Window) -> None:
-        """To the next `frame` (H, W, 3) by the `flow` found in the window `sought`, while the object moves by `motion` (2,) [px]."""
+        """Move on to the next `frame` (H, W, 3) by the `flow` found in the window `sought`; the object moves by `motion` (2,) [px]."""
         met = self._beside
         if flow is None:
             met.set(np.zeros((1, 1), bool))
@@ -73,8 +74,11 @@ class Other(Carried):
     def keep(
         self, differs: np.ndarray, background: np.ndarray, unlike: np.ndarray, found: np.ndarray, whole: np.ndarray, where: Window
     ) -> None:
-        """After a frame, (h, w) bool in the window `where`: what `differs` from the background, where that is seen, what is `unlike` the
-        object in its colours, what is `found` to be the object, and what may be."""
+        """Update the other things after a frame, from (h, w) bool arrays in the window `where`.
+
+        `differs`: pixels that differ from the background; `background`: that show it; `unlike`: that do not have the object's colours;
+        `found`: the object; `whole`: all that may be the object.
+        """
         if self.any():
             both = joined(self.window, where)
             part, (more, behind, own) = self.over(both), (placed(one, where, both) for one in (differs & unlike, background, found))
@@ -95,16 +99,17 @@ class Other(Carried):
         self.colors = self._learnt()
 
     def _learnt(self) -> Colors:
-        """Half of the surroundings' colours are those of other things, once some are known."""
+        """The object's colours against its surroundings', of which half are sampled from other things once some are known."""
         step = max(1, len(self._outside) // max(1, len(self._seen)))
         return Colors(self._inside, np.concatenate([self._seen, self._outside[::step]]) if len(self._seen) else self._outside)
 
 
 def beyond_box(frame: np.ndarray, mask: np.ndarray, inside: np.ndarray, plate: Plate, moving: Moving) -> np.ndarray:
-    """Another thing (H, W) bool in frame 0 that moves and goes on outside the box `inside` (H, W) bool: a hand that holds the object.
+    """Another moving thing (H, W) bool in frame 0 that goes on outside the box `inside` (H, W) bool, such as a hand that holds the object.
 
-    A box holds all of the object. So what comes out of it and moves outside is something else, and so is what hangs together with that in
-    the box and has colours that are commoner there than in the object `mask` (H, W) bool. Nothing for a small object: it has few colours.
+    The box contains all of the object. So what comes out of it and moves outside is something else, and so is anything in the box that is
+    connected to it and whose colours are commoner there than in the object `mask` (H, W) bool. None is found beside a small object, which
+    has too few colours.
     """
     other, least = np.zeros_like(mask), WIDE * np.sqrt(np.count_nonzero(mask))
     if np.count_nonzero(mask) < FEW:
@@ -115,7 +120,7 @@ def beyond_box(frame: np.ndarray, mask: np.ndarray, inside: np.ndarray, plate: P
     reaching = border & moves & hanging_on(moves & inside, mask)
     if np.count_nonzero(reaching) < 2.0 * least:
         return other
-    # Near the end of its window, flow leads out of it.
+    # A wide window, because flow near a window's edge may lead out of it.
     x0, y0, x1, y1 = window_of(inside, 0)
     window = within((x0 - (x1 - x0) // 2, y0 - (y1 - y0) // 2, x1 + (x1 - x0) // 2, y1 + (y1 - y0) // 2), frame)
     crop, boxed = cut(frame, window), cut(inside, window)
@@ -129,8 +134,11 @@ def beyond_box(frame: np.ndarray, mask: np.ndarray, inside: np.ndarray, plate: P
 
 
 def _leading_away(outside: np.ndarray, boxed: np.ndarray, reaching: np.ndarray, least: float) -> np.ndarray:
-    """The parts of what moves `outside` a box, (h, w) bool both, that come out of it over `least` [px] of `reaching` (h, w) bool and lead
-    away."""
+    """The parts (h, w) bool of what moves `outside` a box that come out of the box and lead away from it.
+
+    `outside`, `boxed`: (h, w) bool, moving pixels outside the box, and the box; `reaching`: (h, w) bool, the moving pixels of the box's
+    border, of which a part must cross more than `least` [px].
+    """
     off = cv2.distanceTransform((~boxed).astype(np.uint8), cv2.DIST_L2, 5)
     count, labels = cv2.connectedComponents(outside.astype(np.uint8), connectivity=4)
     far = np.bincount(labels[outside & (off > FAR)], minlength=count) > 0

@@ -1,4 +1,4 @@
-"""What is behind the object before a camera that moves: what was seen beside it so far, carried along with the surroundings."""
+"""The background of a camera that moves: what was seen beside the object so far, carried along with the surroundings."""
 
 from __future__ import annotations
 
@@ -10,23 +10,23 @@ from ..cutting import grown
 from .registered import corners_beside, homography_to
 
 FRESH = 0.5
-"""Weight of the newest sight of the background: older ones are blurred by having been carried along."""
+"""Weight of the newest frame in the background's colour: older ones were blurred by being carried along."""
 
 AGREES = 4.0
-"""Times the noise up to which a frame shows what was seen there before; what does not is at another depth, or moves itself."""
+"""Difference [times the noise] up to which a frame agrees with what was seen before; what differs more is at another depth, or moves."""
 
 
 class PannedPlate:
-    """The background, from frame to frame. It is known where it was seen three times, and each time alike."""
+    """The background from frame to frame, known where it looked alike the last three times that it was seen."""
 
     def __init__(self, frame: np.ndarray, mask: np.ndarray, plate: Plate) -> None:
-        """`frame` (H, W, 3) uint8 RGB and `mask` (H, W) bool of frame 0; `plate`: what is known of the background there."""
+        """`frame` (H, W, 3) uint8 RGB, `mask` (H, W) bool and `plate`, the background as far as it is known, are frame 0's."""
         self._gray, self._mask = cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY), mask
         self._color, self._noise = plate.color, plate.noise
         self._sights = np.where(plate.reliable & ~grown(mask), np.uint8(SIGHTS), np.uint8(0))
 
     def carried(self, gray: np.ndarray) -> Plate:
-        """As the camera has it behind the object in the next frame, of which `gray` (H, W) uint8 is given; unknown where it is lost."""
+        """The background as seen in the next frame, `gray` (H, W) uint8; unknown everywhere if the camera's motion cannot be found."""
         corners = corners_beside(self._gray, self._mask)
         there = None if corners is None else homography_to(self._gray, gray, corners, corners)
         size = gray.shape[::-1]
@@ -39,7 +39,7 @@ class PannedPlate:
         return Plate(self._color, self._sights >= SIGHTS, self._noise)
 
     def learn(self, frame: np.ndarray, mask: np.ndarray) -> None:
-        """Take what `frame` (H, W, 3) uint8 RGB shows beside the object, whose `mask` (H, W) bool in it is known by now."""
+        """Add what `frame` (H, W, 3) uint8 RGB shows beside the object, now that its `mask` (H, W) bool is known."""
         off = ~grown(mask)
         now, before = (cv2.GaussianBlur(one, (0, 0), 1.0) for one in (frame, self._color))
         alike = largest(cv2.absdiff(now, before)) < AGREES * self._noise
@@ -49,10 +49,10 @@ class PannedPlate:
         self._sights, self._mask = np.where(off, more, self._sights).astype(np.uint8), mask
 
     def state(self) -> dict[str, np.ndarray]:
-        """All that the frames to come depend on, besides the newest frame."""
+        """All that later frames depend on, besides the newest frame."""
         return {"behind.color": self._color, "behind.sights": self._sights, "behind.mask": self._mask}
 
     def resume(self, frame: np.ndarray, state: dict[str, np.ndarray]) -> None:
-        """Go on behind `frame` (H, W, 3) uint8 RGB as what gave `state` would have."""
+        """Continue after `frame` (H, W, 3) uint8 RGB as the plate that returned `state` would have."""
         self._gray = cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY)
         self._color, self._sights, self._mask = state["behind.color"], state["behind.sights"], state["behind.mask"]

@@ -1,7 +1,7 @@
-"""The first frames of a camera that moves, as it would have seen them from where frame 0 was taken.
+"""The first frames of a camera that moves, warped to the view of frame 0.
 
-What stands still around the object is carried from frame to frame by a homography: exactly where the camera only turns or the surroundings
-are flat or far away, about so elsewhere. Over a second that is enough to tell what moves by itself.
+The still surroundings of the object are carried from frame to frame by a homography: this is exact if the camera only turns or the
+surroundings are flat or far away, otherwise approximate. Over a second it is good enough to see what moves by itself.
 """
 
 from __future__ import annotations
@@ -14,24 +14,24 @@ from ...clip.shake import LEAST_CORNERS, LEAST_PART, surrounding_corners, there_
 from ...clip.stored import Frames, StoredFrames
 
 AT_MOST = 24
-"""Frames: the farther the camera has gone, the less a homography says."""
+"""Largest number of frames: the farther the camera has moved, the less accurate a homography is."""
 
 AT_LEAST = 8
-"""Frames: in fewer, an object hardly moves."""
+"""Least number of frames: in fewer, an object hardly moves."""
 
 CLOSE = 1.5
-"""Pixels within which a corner agrees with the homography."""
+"""Distance [px] up to which a corner agrees with the homography."""
 
 RETURNS = 1.0
-"""Pixels within which a corner that is followed there and back returns."""
+"""Distance [px] from its start within which a corner must return when it is tracked forwards and back."""
 
 
 def registered(frames: Frames, around: np.ndarray, progress: Progress) -> StoredFrames | None:
-    """The first frames (F, H, W, 3) uint8 RGB from the view of frame 0, which shows through where they show nothing; None where too few
-    can be carried there.
+    """The first frames (F, H, W, 3) uint8 RGB warped to the view of frame 0, and filled up with frame 0 where they do not cover it; None if
+    too few can be warped.
 
     Args:
-        frames: (T+1, H, W, 3) uint8 RGB; around: (H, W) bool, where the object is in frame 0 and corners are not to be trusted.
+        frames: (T+1, H, W, 3) uint8 RGB; around: (H, W) bool, where the object is in frame 0, so that corners there are not used.
     """
     first = np.array(frames[0])
     gray = cv2.cvtColor(first, cv2.COLOR_RGB2GRAY)
@@ -53,14 +53,15 @@ def registered(frames: Frames, around: np.ndarray, progress: Progress) -> Stored
 
 
 def corners_beside(gray: np.ndarray, around: np.ndarray) -> np.ndarray | None:
-    """Corners (K, 1, 2) [px] of the `gray` frame (H, W) uint8 beside `around` (H, W) bool, as `surrounding_corners`."""
+    """Corners (K, 1, 2) [px] in the `gray` frame (H, W) uint8 outside `around` (H, W) bool, see `surrounding_corners`."""
     return surrounding_corners(gray, around, max(8.0, gray.shape[1] / 80))
 
 
 def homography_to(first: np.ndarray, gray: np.ndarray, corners: np.ndarray, places: np.ndarray) -> np.ndarray | None:
-    """(3, 3), from pixels of the gray frame `first` to those of `gray` (H, W) uint8; None where the surroundings do not move as one.
+    """The homography (3, 3) from pixels of the frame `first` to those of `gray`, both (H, W) uint8; None if the surroundings do not move as
+    one.
 
-    `corners` (K, 1, 2) [px] are in the first one; `places` (K, 1, 2): about where they are in the other.
+    `corners`: (K, 1, 2) [px] in `first`; `places`: (K, 1, 2) [px], about where they are in `gray`.
     """
     moved, sure = there_and_back(first, gray, corners, places, RETURNS)
     if sure.sum() < LEAST_CORNERS:

@@ -1,6 +1,6 @@
-"""Where the object's points go.
+"""How the object's points move.
 
-    keypoints.py  tracked points on the body               lifting.py  tracks to 3D, as rigid as possible
-    control.py    what rides on what                       pose.py     the whole body in every frame
+    keypoints.py  tracked points on the body               lifting.py  tracks lifted to 3D, as rigid as possible
+    control.py    points attached to other points          pose.py     the pose of the whole body in every frame
     late.py       tracks that begin after frame 0          views.py    further cameras
 """

@@ -14,7 +14,7 @@ from ....errors import ObjectError
 from ....records import Attachment
 
 FLATNESS = 0.02
-"""A direction in which the neighbours spread less than this part of their widest spread is no direction to extrapolate along."""
+"""Least spread of the neighbours along a direction, relative to their widest spread, to extrapolate along that direction."""
 
 REACH = 4.0
 """Farthest extrapolation along a direction, in standard deviations of the neighbours along it: bounds how weights amplify noise."""
@@ -23,13 +23,13 @@ REACH = 4.0
 def attach(points: np.ndarray, particles_x: np.ndarray, neighbours: int = 16, *, uniform: bool = False) -> Attachment:
     """Attach points to particles by affine moving least squares at rest.
 
-    Rows sum to one. Within `REACH` they reproduce the point, so any affine motion of the particles carries it exactly. Along directions in
-    which the neighbourhood has no extent (a single layer, a line) the point falls onto the neighbourhood's plane or line.
+    Each point's weights sum to one. Within `REACH` they reproduce the point, so any affine motion of the particles carries it exactly.
+    Along directions in which the neighbourhood has no extent (a single layer, a line), the point is projected onto its plane or line.
 
     Args:
         points: (K, 3) [m]; particles_x: (N, 3) [m], both at rest.
-        neighbours: J, how many particles carry a point; fewer where there are fewer.
-        uniform: neighbours count alike instead of by distance.
+        neighbours: J, how many particles carry a point, or all if there are fewer.
+        uniform: weigh all neighbours alike instead of by distance.
 
     Returns:
         Attachment with index (K, J) and weight (K, J): the smallest weights, in the norm of the kernel, that do this
@@ -63,13 +63,13 @@ def attach(points: np.ndarray, particles_x: np.ndarray, neighbours: int = 16, *,
 
 
 def kernel_of(distance: np.ndarray) -> np.ndarray:
-    """Kernel weights (K, J) of distances (K, J): 1 at the point, small at the farthest neighbour."""
+    """Kernel weights (K, J) for distances (K, J): 1 at the point, small at its farthest neighbour."""
     reach = 1.1 * np.maximum(distance.max(axis=1, keepdims=True), 1e-300)
     return (1.0 - (distance / reach) ** 2) ** 2
 
 
 def carry(attachment: Attachment, points: np.ndarray, rest: np.ndarray, moved: np.ndarray) -> np.ndarray:
-    """Move points (K, 3) by the displacement of what they are attached to, keeping any offset that the attachment does not reproduce.
+    """Move `points` (K, 3) [m] by the displacement of their carriers, keeping any offset that the attachment does not reproduce.
 
     Args:
         rest: (N, 3) carriers at rest [m]; moved: (..., N, 3) the same carriers later [m].

@@ -1,4 +1,4 @@
-"""The tracked points in frame 0: where they are on the body, and how they ride on its particles."""
+"""The tracked points in frame 0: their places on the body, and their attachment to its particles."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from ..shape.relief import Relief
 from .control import attach
 
 NEIGHBOURS = 16
-"""Particles that carry a key point; as many tracks place one that begins later."""
+"""Number of particles that carry a key point, and of tracks that place a track which begins later."""
 
 
 def place(observation: Observation, relief: Relief, particles: Particles) -> np.ndarray:
@@ -30,7 +30,7 @@ def place(observation: Observation, relief: Relief, particles: Particles) -> np.
     points[on_surface] = _unproject(relief, observation.xy[0, on_surface])
     centre = np.average(particles.x, axis=0, weights=particles.volume)
     for k in np.flatnonzero(observation.on_centroid & (first >= 0)):
-        # The centroid of frame 0 if it is seen there; one that is seen later only stands for the body's centre.
+        # The centroid of frame 0 if it is seen there; a centroid that is only seen later stands for the body's centre.
         depth = observation.camera.project(centre)[1]
         points[k] = observation.camera.unproject(observation.xy[0, k], depth) if first[k] == 0 else centre
     for t in np.unique(first[first > 0]):
@@ -42,17 +42,17 @@ def place(observation: Observation, relief: Relief, particles: Particles) -> np.
         flat = _in_plane(observation.xy[t, late]), _in_plane(observation.xy[t, guides])
         carried = attach(*flat, neighbours=NEIGHBOURS)
         guess = observation.camera.project(carried.follow(points[guides]))[0]
-        # What lies farther off than the guides can tell, a stem below a head with all of them, keeps its offset from them.
+        # A track beyond the guides' reach keeps its offset from them: on a stem, for example, below a head that has all of them.
         guess += observation.xy[t, late] - carried.follow(flat[1])[:, :2]
-        # On the surface again: the affine guess may float over a curved body.
+        # Put back on the surface: the affine guess may float above a curved body.
         points[late] = _unproject(relief, guess)
     return points
 
 
 def ride(points: np.ndarray, on_centroid: np.ndarray, particles: Particles) -> Attachment:
-    """Attach key points (K, 3) to the particles; those never seen (NaN) to the centre of mass, so that every row is valid.
+    """Attach key points (K, 3) [m] to the particles; those never seen (NaN) at the centre of mass, so that every row is valid.
 
-    Centroid tracks weigh the particles nearest the centre alike.
+    `on_centroid`: (K,) bool, centroid tracks, which weigh the particles nearest them alike.
     """
     centre = np.average(particles.x, axis=0, weights=particles.volume)
     known = np.where(np.isfinite(points).all(axis=1)[:, None], points, centre)
@@ -66,7 +66,7 @@ def ride(points: np.ndarray, on_centroid: np.ndarray, particles: Particles) -> A
 
 
 def held(observation: Observation, points: np.ndarray) -> np.ndarray:
-    """(K,) bool: key points that lie in the pinned region of frame 0."""
+    """(K,) bool: which key points (K, 3) [m] lie in the pinned region of frame 0."""
     height, width = observation.pin.shape
     known = np.isfinite(points).all(axis=1)
     xy = observation.camera.project(np.where(known[:, None], points, points[known].mean(axis=0) if known.any() else 0.0))[0]
@@ -77,7 +77,7 @@ def held(observation: Observation, points: np.ndarray) -> np.ndarray:
 
 
 def _unproject(relief: Relief, xy: np.ndarray) -> np.ndarray:
-    """Pixels (K, 2) -> points on the front (K, 3). A track just outside the mask takes the depth of the nearest pixel of the object."""
+    """Points on the front (K, 3) [m] at pixels `xy` (K, 2). A track just outside the mask takes the depth of the object's nearest pixel."""
     rows, columns = np.round(np.clip(xy.T[::-1], 0, np.array(relief.mask.shape)[:, None] - 1)).astype(int)
     off = ~relief.mask[rows, columns]
     points = relief.points(xy, 0.0)

@@ -1,10 +1,9 @@
-"""Where on the body the tracks are that begin after frame 0.
+"""Placing tracks that begin after frame 0 on the body.
 
-Such a track is followed from a side of the body that frame 0 did not show, so no depth map tells where it is. The body's surface is
-moved along with the clip (`pose`), and the ray of the track meets it. At first that is done where the track begins, with the body as it
-was believed then; once the whole clip has been gone through, each track is tied anew to where its rays met the surface in all its
-frames, those that look squarely at the surface counting most (a body seen at a glance tells little of the place on it), and the body
-is moved again.
+Such a track is usually on a side of the body that frame 0 did not show, so no depth map gives its place. Instead the body's surface is
+moved along with the clip (`pose`) and intersected with the track's rays. In the first pass a track is tied in the frame where it begins,
+to the body as estimated by then. After each pass through the clip, every track is tied anew, to the mean of where its rays met the surface
+in all its frames, and the body is moved again. Frames that see the surface head-on count most: a grazing ray says little about the place.
 """
 
 from __future__ import annotations
@@ -21,41 +20,41 @@ from .pose import BodyPose
 from .views import surface_points
 
 PASSES = 4
-"""Times that the body is moved through the clip."""
+"""Number of times that the body is moved through the clip."""
 
 LATE_SIGMA = 5.0
-"""Trust in a later track's tie while the body is moved [px]: the outline can pull it right."""
+"""Standard deviation [px] of a later track's tie while the body is moved: so large that the outline can correct it."""
 
 SQUARELY = 4
-"""Power of the cosine between view and normal by which a frame counts for a tie."""
+"""A frame's weight in a tie is the cosine between ray and normal to this power."""
 
 NEAR = 8
 """Triangles over which a normal is averaged."""
 
 GUIDES = 12
-"""Tracks of frame 0 from which on a later one in their midst is placed by them."""
+"""Least number of tracks from frame 0 that place a later track in their midst."""
 
 LEAST_COSINE = 0.1
-"""A surface seen at a sharper angle ties nothing."""
+"""Least cosine between ray and normal for a frame to count in a tie."""
 
 
 def tie(
     observation: Observation, surface: Surface, points: np.ndarray, first: np.ndarray, progress: Progress
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Places in frame 0 of the tracks that begin later.
+    """The places in frame 0 of the tracks that begin later.
 
     Args:
-        points: (K, 3) the key points of the tracks that begin in frame 0 [m]; other rows are not used.
+        points: (K, 3) [m], the key points of the tracks that begin in frame 0; other rows are not used.
         first: (K,) the frame in which each track begins; negative for those that are not to be tied.
 
     Returns:
-        (K, 3) [m], NaN for a track whose rays miss the surface throughout (and for those that are not later ones); and (K,) the
-        standard deviation [px] of where the body was thought to be: how far the frames' ties disagree.
+        (K, 3) [m], NaN for a track whose rays miss the surface in all frames (and for those that do not begin later); and (K,) its standard
+        deviation [px], from the scatter of the frames' ties.
     """
     early, later = first == 0, first > 0
     ties = np.where(early[:, None], points, np.nan)
     spread = np.zeros(len(first))
-    # Until the first of them begins, later tracks tell nothing: that part of the clip is gone through once.
+    # Before the first of them begins, later tracks make no difference: that part of the clip is done once only.
     still = held(observation, surface.vertices)
     begin, begun = BodyPose(surface.vertices, observation.camera, points[early], still), int(first[later].min())
     before = _moved(begin, observation, surface, ties, first, (1, begun), progress)
@@ -74,7 +73,7 @@ def _moved(
     span: tuple[int, int],
     progress: Progress,
 ) -> list[np.ndarray]:
-    """The surface's vertices (V, 3) in the frames from span[0] up to span[1]; tracks without a tie get one as they begin."""
+    """The surface's vertices (V, 3) [m] in each of the frames from span[0] to span[1] - 1; a track without a tie is tied as it begins."""
     sigma = np.where(first[None] == 0, observation.sigma, LATE_SIGMA)
     known = np.isfinite(ties).all(axis=1)
     weight = np.zeros((len(first), body.nodes))
@@ -95,7 +94,8 @@ def _moved(
 def _tied(
     observation: Observation, surface: Surface, states: list[np.ndarray], before: np.ndarray, later: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The later tracks (K,) tied to the mean of where their rays meet the moved surface, and how far they disagree [px]."""
+    """Ties (K, 3) [m] of the `later` tracks (K,) bool at the mean of where their rays meet the moved surface, given in frame 0, and their
+    scatter (K,) [px]. `states`: the surface's vertices (V, 3) in every frame; `before`: (K, 3), the ties so far."""
     count = len(later)
     total, share = np.zeros((count, 3)), np.zeros(count)
     hits = []
@@ -125,9 +125,9 @@ def _tied(
 
 
 def _squarely(rest: np.ndarray, surface: Surface, moved: np.ndarray, camera: Camera, frame: int) -> np.ndarray:
-    """(K,) cosine between the view and the normal where points (K, 3) of the surface in frame 0 are in frame `frame`.
+    """(K,) cosine between the view and the normal, in frame `frame`, at points of the surface given by their places (K, 3) in frame 0.
 
-    The normal is the mean over the triangles near the point: those of a rough surface scatter.
+    It is the mean over triangles near the point, because the normals of a rough surface scatter.
     """
     corners = moved[surface.triangles]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -142,7 +142,7 @@ def _squarely(rest: np.ndarray, surface: Surface, moved: np.ndarray, camera: Cam
 
 
 def among(observation: Observation, first: np.ndarray) -> np.ndarray:
-    """(K,) bool: later tracks that begin amid enough tracks of frame 0, whose motion says where they are (`keypoints.place`)."""
+    """(K,) bool: later tracks that begin amid enough tracks from frame 0, so that these place them (`keypoints.place`)."""
     inside = np.zeros(len(first), bool)
     for t in np.unique(first[first > 0]):
         late = np.flatnonzero(first == t)

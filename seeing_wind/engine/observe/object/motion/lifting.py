@@ -1,11 +1,11 @@
-"""Key points from pixels to 3D: P^0 by unprojection, then frame by frame reprojection with as-rigid-as-possible motion.
+"""Key points from pixels to 3D: P^0 by unprojection, then frame by frame by least reprojection error and as-rigid-as-possible motion.
 
 Paper, section 3.4: P^0 = pi^-1(p^0, d) (Eq. (10)), then min |pi(P^{t+1}) - p^{t+1}| + lambda L_arap (Eq. (11)). The paper's L_arap compares
 difference vectors of neighbours (Eq. (12)), so a rotation out of the frame plane costs as much as a deformation and turns into false
 depth. Here they are compared with *rotated* difference vectors of an earlier frame (Sorkine and Alexa, As-rigid-as-possible surface
-modeling, 2007), the rotation of every neighbourhood being found along with the points.
+modeling, 2007), and the rotation of every neighbourhood is found along with the points.
 
-The result is for display and for a start; forces are fitted to the pixels themselves.
+The result serves as a starting point and for display; forces are fitted to the pixels themselves.
 """
 
 from __future__ import annotations
@@ -22,21 +22,21 @@ from ....records import Camera, Recognised
 
 NEIGHBOURS = 8
 EDGE_SIGMA = 0.07
-"""Allowed change of an edge, in units of the median edge."""
+"""Standard deviation of the change of an edge, in units of the median edge."""
 HUBER = 2.0
 """Reprojection residuals beyond this many sigmas count linearly."""
 PREDICTION_SIGMA = 1.0
-"""Trust in the straight continuation of the motion, in units of the body's radius: only what nothing else determines is left to it."""
+"""Standard deviation of the straight continuation of the motion, in units of the body's radius: it decides only what nothing else does."""
 ACROSS_TRUST = 1e-6
-"""Trust in the continuation across the view, relative to that along it."""
+"""Precision of the continuation across the view, relative to that along it."""
 MAX_ITERATIONS = 8
 TOLERANCE = 1e-4
-"""Iterations end when no point moves by more than this part of the median edge."""
+"""Iterations end when no coordinate of a point changes by more than this, in units of the median edge."""
 
 
 @dataclass(frozen=True)
 class Sight:
-    """What one camera saw of all K points; a point that is tracked in another view only is not visible here."""
+    """What one camera saw of all K points; a point that only another view tracks is not visible here."""
 
     camera: Camera
     xy: np.ndarray
@@ -46,7 +46,7 @@ class Sight:
     sigma: np.ndarray
     """(T+1, K) [px]."""
     recognised: Recognised | None = None
-    """Further points, in frames where they were found again."""
+    """Points of frame 0 that were found in later frames by what they look like."""
 
 
 def lift(
@@ -57,19 +57,19 @@ def lift(
     progress: Progress = NoProgress(),
     journal: Journal = Journal(),
 ) -> np.ndarray:
-    """Lift the tracks of all cameras together: what one does not see, its neighbours' pixels in another hold, through rigidity.
+    """Lift the tracks of all cameras together: a point that one camera does not see is held by rigidity to neighbours that another sees.
 
     Args:
         sights: one per camera, over the same frames and points.
         start: (K, 3) P^0 [m].
-        pinned: (K,) points that are held where they are.
-        flows: the body forgets frame 0: neighbours are compared with the frame before.
+        pinned: (K,) bool, points that stay where they are.
+        flows: the body does not return to its shape in frame 0, so edges are compared with those of the frame before.
 
     Returns:
-        (T+1, K, 3) [m], NaN for a point that is seen in no frame. Where a point is hidden its neighbours carry it.
+        (T+1, K, 3) [m], NaN for a point that is seen in no frame. Where a point is hidden, its neighbours carry it.
 
     Raises:
-        ObjectError: shapes that do not fit, or a start that is not finite.
+        ObjectError: shapes that do not match, or a start that is not finite.
     """
     frames = len(sights[0].xy)
     for one in sights:
@@ -112,7 +112,7 @@ def lift(
 
 
 def neighbour_edges(points: np.ndarray) -> np.ndarray:
-    """(K, J) the nearest neighbours of every point, J = `NEIGHBOURS` or as many as there are."""
+    """Indices (K, J) of the nearest neighbours of every point (K, 3); J = `NEIGHBOURS`, or all others if there are fewer."""
     count = min(NEIGHBOURS, len(points) - 1)
     if count < 1:
         return np.empty((len(points), 0), dtype=int)
@@ -121,7 +121,7 @@ def neighbour_edges(points: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class _View:
-    """One camera's pixels in one frame: points `seen` (M,), where (M, 2) and how well (M,) [px]."""
+    """One camera's pixels in one frame: indices `seen` (M,) of the points, their places `xy` (M, 2) [px] and `sigma` (M,) [px]."""
 
     camera: Camera
     seen: np.ndarray
@@ -130,12 +130,13 @@ class _View:
 
 
 class _Frame:
-    """The least-squares problem of one frame: Gauss-Newton, the neighbourhoods' rotations eliminated point by point."""
+    """The least-squares problem of one frame, solved by Gauss-Newton with the neighbourhoods' rotations eliminated point by point."""
 
     def __init__(
         self, views: Sequence[_View], frame: int, edges: np.ndarray, rest: np.ndarray, before: np.ndarray, held: np.ndarray
     ) -> None:
-        """`before`: the points (K, 3) in the frame whose edges are compared with."""
+        """`edges` (K, J): see `neighbour_edges`; `rest` (K, 3): the points in frame 0 [m]; `before` (K, 3): the points in the frame whose
+        edges are the reference [m]; `held` (K,) bool."""
         self.views, self.frame = views, frame
         self.edges, self.rest, self.before, self.held = edges, rest, before, held
         lengths = np.linalg.norm(rest[edges] - rest[:, None], axis=-1)
@@ -145,7 +146,7 @@ class _Frame:
             self.radius = self.edge = 0.01 * float(np.linalg.norm(rest[0] - views[0].camera.pose(0)[:3, 3]))
 
     def solve(self, ahead: np.ndarray) -> np.ndarray:
-        """Points (K, 3) of this frame from a start `ahead`."""
+        """Points (K, 3) [m] of this frame, starting from their prediction `ahead` (K, 3) [m]."""
         points = np.where(self.held[:, None], self.rest, ahead)
         for _ in range(MAX_ITERATIONS):
             step = self._step(points, ahead)
@@ -165,9 +166,9 @@ class _Frame:
             rotation = best_rotations(self.before, points, self.edges)
             turned = np.matmul(self.before[self.edges] - self.before[:, None], rotation.transpose(0, 2, 1))  # (K, J, 3)
             rigidity(points, self.edges, turned, EDGE_SIGMA * self.edge, hessian, gradient)
-        # Across the view pixels and neighbours know better; what is left of the trust there only keeps the system regular.
+        # Across the view, pixels and neighbours are better than the prediction, which there only keeps the system regular.
         axes = self.views[0].camera.pose(self.frame)[:3, :3]
-        along = 1.0 if len(self.views) == 1 else ACROSS_TRUST  # further cameras see along the first one's view
+        along = 1.0 if len(self.views) == 1 else ACROSS_TRUST  # further cameras see motion along the first one's view
         trust = axes @ np.diag([ACROSS_TRUST, ACROSS_TRUST, along]) @ axes.T / (PREDICTION_SIGMA * self.radius) ** 2
         hessian[everyone, :, everyone, :] += trust
         gradient += (points - ahead) @ trust
@@ -179,7 +180,7 @@ class _Frame:
         return step.reshape(count, 3)
 
     def _reprojection(self, points: np.ndarray, hessian: np.ndarray, gradient: np.ndarray) -> None:
-        """Add the pixel residuals, Huber by reweighting."""
+        """Add the pixel residuals, with Huber's loss by reweighting."""
         for view in self.views:
             seen = view.seen
             projected, _ = view.camera.project(points[seen], self.frame)
@@ -200,12 +201,13 @@ def rigidity(
     hessian: np.ndarray,
     gradient: np.ndarray,
 ) -> None:
-    """Add the edges (P_j - P_i) - R_i (Q_j - Q_i) to a least-squares problem, but for what a small rotation of neighbourhood i mends.
+    """Add the residuals (P_j - P_i) - R_i (Q_j - Q_i) to a least-squares problem, without the part that a small rotation of neighbourhood i
+    removes.
 
     Args:
-        points: (K, 3) P [m]; edges: (K, J) neighbours; turned: (K, J, 3) R_i (Q_j - Q_i) [m].
-        sigma: allowed change of an edge [m].
-        hessian: (K, 3, K, 3) and gradient: (K, 3), added to.
+        points: (K, 3) P [m]; edges: (K, J) indices of neighbours j of i; turned: (K, J, 3) R_i (Q_j - Q_i) [m].
+        sigma: standard deviation of the change of an edge [m].
+        hessian: (K, 3, K, 3), and gradient: (K, 3); both are added to.
     """
     count, fan = edges.shape
     residual = points[edges] - points[:, None] - turned
@@ -215,7 +217,7 @@ def rigidity(
     inner = inner + 1e-9 * np.trace(inner, axis1=1, axis2=2)[:, None, None] * np.eye(3) + 1e-300 * np.eye(3)
     project = np.broadcast_to(np.eye(3 * fan), (count, 3 * fan, 3 * fan)) * inverse
     project = project - inverse * np.matmul(turn, np.linalg.solve(inner, turn.transpose(0, 2, 1)))
-    # d residual_j = dP_j - dP_i: spread the (3J x 3J) block to the points of the fan, the centre last with the negative sum.
+    # d residual_j = dP_j - dP_i: the (3J x 3J) block acts on all points of the fan, the centre last with the negative sum.
     to_points = np.zeros((3 * fan, 3 * (fan + 1)))
     to_points[:, : 3 * fan] = np.eye(3 * fan)
     to_points[:, 3 * fan :] = -np.tile(np.eye(3), (fan, 1))
@@ -229,7 +231,7 @@ def rigidity(
 
 
 def best_rotations(rest: np.ndarray, points: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """(K, 3, 3) rotation of every neighbourhood from rest to points: Kabsch on its edges."""
+    """The best rotation (K, 3, 3) of every neighbourhood from `rest` to `points`, both (K, 3): Kabsch's on its edges."""
     if edges.shape[1] == 0:
         return np.broadcast_to(np.eye(3), (len(points), 3, 3)).copy()
     before, after = rest[edges] - rest[:, None], points[edges] - points[:, None]
@@ -239,7 +241,7 @@ def best_rotations(rest: np.ndarray, points: np.ndarray, edges: np.ndarray) -> n
 
 
 def _cross_matrices(vectors: np.ndarray) -> np.ndarray:
-    """(..., 3) -> (..., 3, 3) with matrix @ w = vector x w."""
+    """Matrices (..., 3, 3) with matrix @ w = vector x w, for `vectors` (..., 3)."""
     x, y, z = np.moveaxis(vectors, -1, 0)
     zero = np.zeros_like(x)
     return np.stack([np.stack([zero, -z, y], -1), np.stack([z, zero, -x], -1), np.stack([-y, x, zero], -1)], -2)

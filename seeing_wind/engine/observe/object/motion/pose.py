@@ -1,8 +1,8 @@
-"""Where the whole body is in every frame, from the tracks tied to it so far and its silhouette: to find what later tracks belong to.
+"""The pose of the whole body in every frame, from its silhouette and the tracks tied to it so far, in order to place later tracks on it.
 
-A few nodes on the body's surface move as rigidly as possible (as in `lifting`), drawn by tracked points that ride on them, by the
-outline of the mask, and where both say little by the continuation of the body's motion as a rigid one: through the moment in which a
-sheet is seen edge-on nothing else is known of it.
+A few nodes on the body's surface move as rigidly as possible (as in `lifting`). They are pulled by tracked points that ride on them, by
+the outline of the mask, and, where both give little information, towards the rigid continuation of the body's motion: while a sheet is
+seen edge-on, nothing else is known about it.
 """
 
 from __future__ import annotations
@@ -23,35 +23,37 @@ NEIGHBOURS = 12
 """Nodes that carry a surface point."""
 ITERATIONS = 8
 FEW, CERTAIN = 40, 2.0
-"""From so many tracks of such a sigma [px] on the outline is not asked: it is that of the true body, whose far side is guessed here."""
+"""With at least FEW tracks whose sigma is below CERTAIN [px], the outline is not used: the body's far side is guessed, so its outline may
+differ from the true one."""
 OUTLINE_POINTS = 120
 OUTLINE_SIGMA = 1.5
-"""Trust in a point of the mask's outline [px]: masks are off by a pixel, and lack a corner now and then."""
+"""Standard deviation of a point of the mask's outline [px]: masks are off by a pixel, and lack a corner now and then."""
 OUTLINE_REACH = 20.0
-"""Pixels beyond which outline and body are not taken for the same place."""
+"""Distance [px] up to which points of the outline and the body are matched."""
 HUBER = 2.0
 STEADINESS = 0.05
-"""How far the body strays from the rigid continuation of its motion in a frame, in units of its radius."""
+"""Standard deviation of the body from the rigid continuation of its motion in a frame, in units of its radius."""
 HELD_STILL = 0.05
-"""How far what is held strays from its place, in units of the nodes' distance."""
+"""Standard deviation of a held point from its place, in units of the distance between nodes."""
 LEAST_SIGMA = 0.5
-"""Pixels of trust in one track at best: the ties are no better."""
+"""Least standard deviation of a track [px]: ties are not more accurate."""
 
 
 HIDDEN, EDGE_ON = 0.1, 0.35
-"""Where less than this part of the points of frame 0 is seen and the front is this near to edge-on (cosine), it may face away."""
+"""Where a smaller fraction of frame 0's points than HIDDEN is seen, and the cosine between front and view is less than EDGE_ON, the front
+may face away."""
 
 
 @dataclass
 class _Pull:
-    """Points that ride on the nodes and where they should be in the frame."""
+    """M points that ride on the N nodes, and where they should be in the frame."""
 
     weight: np.ndarray
-    """(M, N)."""
+    """(M, N), of the nodes in each point."""
     target: np.ndarray
     """(M, 2) [px]."""
     direction: np.ndarray
-    """(M, 2) unit vectors along which alone the target counts, or zero where all of it does."""
+    """(M, 2) unit vectors along which alone the residual counts, or zero where all of it does."""
     sigma: np.ndarray
     """(M,) [px]."""
 
@@ -61,12 +63,12 @@ class BodyPose:
 
     Attributes:
         vertices: (V, 3) [m] in the newest frame.
-        nodes: N, how many nodes it moves by.
+        nodes: N, the number of nodes that move it.
     """
 
     def __init__(self, rest: np.ndarray, camera: Camera, early: np.ndarray, held: np.ndarray) -> None:
-        """`rest` (V, 3) the surface's vertices in frame 0 [m], `early` (M, 3) the points on it that are tracked there, `held` (V,) bool
-        which vertices stay where they are."""
+        """`rest` (V, 3): the surface's vertices in frame 0 [m]; `early` (M, 3): the points on it that are tracked in frame 0 [m]; `held`
+        (V,) bool: vertices that stay where they are."""
         self.rest, self.camera = rest, camera
         self._early = len(early)
         self._front = _normal(early, early.mean(axis=0) - camera.pose(0)[:3, 3]) if len(early) > 2 else np.zeros(3)
@@ -83,14 +85,14 @@ class BodyPose:
         self._now, self._before = self._nodes, self._nodes
 
     def weights(self, points: np.ndarray) -> np.ndarray:
-        """(K, N): how points (K, 3) in frame 0 ride on the nodes."""
+        """Weights (K, N) with which points (K, 3) in frame 0 [m] ride on the nodes."""
         return attach(points, self._nodes, NEIGHBOURS).matrix(len(self._nodes))
 
     def advance(self, frame: int, weight: np.ndarray, xy: np.ndarray, sigma: np.ndarray, mask: np.ndarray) -> None:
         """Move the body to frame `frame`.
 
         Args:
-            weight: (M, N) how the tracked points seen there ride on the nodes; xy: (M, 2) [px]; sigma: (M,) [px].
+            weight: (M, N) `weights` of the tracked points that are seen there; xy: (M, 2) [px]; sigma: (M,) [px].
             mask: (H, W) bool, the object.
         """
         tracks = _Pull(weight, xy, np.zeros_like(xy), np.maximum(sigma, LEAST_SIGMA))
@@ -105,9 +107,10 @@ class BodyPose:
         self.vertices = self._weight @ points
 
     def _through_the_edge(self, points: np.ndarray, frame: int) -> np.ndarray | None:
-        """The body as it looks nearly the same from behind, where it is seen nearly edge-on with its front to the camera; None elsewhere.
+        """The nodes (N, 3) of the body turned so that its back faces the camera with nearly the same outline, if it is seen nearly edge-on
+        with its front to the camera; else None.
 
-        A sheet's outline cannot tell the two apart. That none of the points of its front is seen any more does.
+        A sheet's outline cannot tell the two poses apart. But if no points of its front are seen any more, the back faces the camera.
         """
         u, _, vt = np.linalg.svd((points - points.mean(axis=0)).T @ (self._nodes - self._nodes.mean(axis=0)))
         front = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt @ self._front
@@ -122,7 +125,7 @@ class BodyPose:
         return (points - points.mean(axis=0)) @ turn.T + points.mean(axis=0)
 
     def _fit(self, ahead: np.ndarray, frame: int, tracks: _Pull, mask: np.ndarray) -> np.ndarray:
-        """The nodes (N, 3) in frame `frame`, from where they are expected."""
+        """The nodes (N, 3) in frame `frame` [m], starting from the expected ones `ahead` (N, 3)."""
         points = ahead
         for _ in range(ITERATIONS):
             pulls = [tracks]
@@ -167,7 +170,7 @@ class BodyPose:
         return -np.linalg.solve(flat, slope).reshape(count, 3)
 
     def _outline(self, points: np.ndarray, frame: int, mask: np.ndarray) -> list[_Pull]:
-        """The mask's outline pulls the surface points nearest to it, and surface points outside the mask are pulled to it."""
+        """The pulls of the mask's outline: on the surface points nearest to it, and on surface points outside the mask."""
         seen = self.camera.project(self._weight @ points, frame)[0]
         contours, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
         outline = np.concatenate([contour[:, 0] for contour in contours]).astype(np.float64)
@@ -198,13 +201,13 @@ class BodyPose:
 
 
 def _normal(points: np.ndarray, view: np.ndarray) -> np.ndarray:
-    """The unit normal (3,) of the plane through points (M, 3), against the direction `view`."""
+    """The unit normal (3,) of the plane through points (M, 3), pointing against the direction `view` (3,)."""
     normal = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2][2]
     return -np.sign(normal @ view) * normal
 
 
 def spread(points: np.ndarray, count: int) -> np.ndarray:
-    """Indices of `count` of the points (V, 3), each as far as possible from those before."""
+    """Indices of `count` of the points (V, 3), each as far as possible from those chosen before it."""
     chosen = [int(np.linalg.norm(points - points.mean(axis=0), axis=1).argmax())]
     distance = np.linalg.norm(points - points[chosen[0]], axis=1)
     while len(chosen) < count:
@@ -214,7 +217,7 @@ def spread(points: np.ndarray, count: int) -> np.ndarray:
 
 
 def moved_on(before: np.ndarray, now: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Points (N, 3) after the rigid motion that best leads from `before` to `now` (M, 3), turned about their own centre."""
+    """`points` (N, 3) after the best rigid motion from `before` to `now`, both (M, 3); they are rotated about their own centroid."""
     u, _, vt = np.linalg.svd((now - now.mean(axis=0)).T @ (before - before.mean(axis=0)))
     turn = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
     middle = points.mean(axis=0)

@@ -1,4 +1,4 @@
-"""Further synchronised views: the points tracked there, found on the body that the first view built."""
+"""Further synchronised views: the points tracked in them, placed on the body that was built from the first view."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from .lifting import Sight, lift
 
 
 def view_targets(body: Body, observation: Observation) -> TrackTargets:
-    """Targets of a further view: every track of frame 0 is followed along its ray to the body's surface.
+    """Targets of a further view: every track that is visible in frame 0 is attached where its ray meets the body's surface.
 
     Raises:
-        ObjectError: when no track of the view meets the body, so camera or scale contradict the first view.
+        ObjectError: no track of the view meets the body, so camera or scale contradict the first view.
     """
     seen = observation.visible[0] & ~observation.on_centroid
     points, hit = surface_points(body.surface.vertices, body.surface.triangles, observation.camera, observation.xy[0])
@@ -42,14 +42,14 @@ def view_targets(body: Body, observation: Observation) -> TrackTargets:
 def lifted_together(
     observation: Observation, body: Body, targets: Sequence[TrackTargets], progress: Progress = NoProgress(), journal: Journal = Journal()
 ) -> Body:
-    """The body with its key points P^t lifted by all views at once: one camera's depth is the other one's frame.
+    """The body with its key points P^t lifted from all views together: what is depth for one camera, another sees in its image plane.
 
     Args:
         observation: the first view, which has the body's key points; targets: of the first view, then of further ones (`view_targets`).
         journal: keeps the frames that were lifted so far.
 
     Returns:
-        The body with `lifted` (T+1, K, 3) of the first view's key points only, for the others are no part of the observation.
+        The body with `lifted` (T+1, K, 3) [m] for the first view's key points only, as the others are no part of the observation.
     """
     counts = [one.xy.shape[1] for one in targets]
     begin = np.cumsum([0, *counts])
@@ -61,7 +61,7 @@ def lifted_together(
         xy[:, own], visible[:, own], sigma[:, own] = one.xy, one.visible, one.sigma
         sights.append(Sight(one.camera, xy, visible, sigma))
     further = [one.attachment.follow(body.particles.x) for one in targets[1:]]
-    # Key points without a place stay out: NaN where they are not visible in `targets`.
+    # Key points without a place are visible in no frame of `targets`; they stay NaN, and need some finite start.
     own_start = np.where(targets[0].visible.any(axis=0)[:, None], body.lifted[0], body.particles.x.mean(axis=0))
     pinned = np.concatenate([held(observation, own_start), *(np.zeros(len(points), bool) for points in further)])
     flows = body.material.law in PLASTIC_LAWS
@@ -72,14 +72,14 @@ def lifted_together(
 def surface_points(
     vertices: np.ndarray, triangles: np.ndarray, camera: Camera, xy: np.ndarray, frame: int = 0, rest: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """First crossing of the pixels' rays in frame `frame` with a triangle mesh.
+    """The first intersections of pixels' rays in frame `frame` with a triangle mesh (Moeller and Trumbore 1997, all pairs at once).
 
     Args:
         vertices: (V, 3) in that frame [m]; triangles: (M, 3); xy: (K, 2) [px].
-        rest: (V, 3) the vertices in another frame [m], in which the points are wanted; None takes `vertices`.
+        rest: (V, 3) the vertices in another frame [m], for which the points are returned; None takes `vertices`.
 
     Returns:
-        points (K, 3) [m] (NaN where the ray misses) and hit (K,) bool. Moeller and Trumbore 1997, all pairs at once.
+        points (K, 3) [m], NaN where the ray misses, and hit (K,) bool.
     """
     origin = camera.pose(frame)[:3, 3]
     direction = camera.unproject(xy, np.ones(len(xy)), frame) - origin

@@ -1,8 +1,8 @@
-"""A body of flat faces, whose visible sides tell how far it reaches behind its front.
+"""A body of flat faces, whose visible sides show how far it reaches behind its front.
 
-A plate or a post that is seen at an angle shows its edge: sides that go from the largest visible face, the *face*, back to where the body
-ends. Where planes explain the measured front, the body is the prism behind the face: as deep as the sides reach, as wide as they and the
-silhouette allow. A guessed thickness is worth little beside that, as a plate resists bending with the third power of it.
+A plate or a post that is seen at an angle shows its edge: sides that go from the largest visible face, the *face*, back to the end of the
+body. Where planes explain the measured front, the body is the prism behind the face: as deep as the sides reach, as wide as they and the
+silhouette allow. A guessed thickness would be much worse, since a plate's bending stiffness grows with its third power.
 """
 
 from __future__ import annotations
@@ -16,39 +16,39 @@ from ....masks import pixels_of
 from ....records import Camera
 
 FLATNESS = 0.02
-"""A pixel is on a plane when it is no further from it than this share of the square root of the visible area."""
+"""Distance up to which a pixel is on a plane, in units of the square root of the visible area."""
 
 ROUND = 2
-"""A plane is first fitted to a square of so many pixels each way round a seed."""
+"""A plane is first fitted to a square that reaches so many pixels from a seed."""
 
 SEEDS = 80
-"""Places at which a plane is tried."""
+"""Number of seeds at which a plane is tried."""
 
 MOST_PLANES = 4
-"""A prism shows three."""
+"""Largest number of planes sought; a prism shows three."""
 
 LEAST_SIDE = 0.03
-"""Share of the object's pixels that a side has at least."""
+"""Least fraction of the object's pixels that a side has."""
 
 COVERAGE = 0.85
-"""Share of the object's pixels that lie on the face and its sides at least; a body of other shape has no planes that say as much."""
+"""Least fraction of the object's pixels on the face and its sides; the planes of a body of another shape cover less."""
 
 UPRIGHT = 0.35
 """Largest cosine between the normals of the face and of a side."""
 
 EDGE_QUANTILE = 0.99
-"""Of the sides' pixels, by how far they lie behind the face: the outermost ones may be mixed with what is behind the object."""
+"""Quantile of the distances of a side's pixels behind the face that gives the depth: the outermost may be mixed with the background."""
 
 REFITS = 4
-"""Times that a plane is fitted anew to what is on it."""
+"""How often a plane is fitted again to the pixels on it."""
 
 STEPS = 96
-"""Points along a ray at which it is asked whether it is still in the body."""
+"""Number of points along a ray that are tested for being inside the body."""
 
 
 @dataclass(frozen=True)
 class Plane:
-    """A point and the unit normal, which points out of the body."""
+    """A plane by a point and its unit normal, which points out of the body."""
 
     point: np.ndarray
     """(3,) [m]."""
@@ -56,13 +56,13 @@ class Plane:
     """(3,)."""
 
     def behind(self, points: np.ndarray) -> np.ndarray:
-        """Points (..., 3) [m] -> how far they lie behind the plane (...,) [m]."""
+        """Distance (...,) [m] of points (..., 3) [m] behind the plane."""
         return (self.point - points) @ self.normal
 
 
 @dataclass(frozen=True)
 class Block:
-    """A prism: `face` carried back by `depth`."""
+    """A prism: `face` extruded backwards by `depth`."""
 
     face: Plane
     sides: tuple[Plane, ...]
@@ -74,10 +74,10 @@ class Block:
     mask: np.ndarray
     """(H, W) bool, the silhouette."""
     stretch: tuple[float, ...]
-    """Per side, how much narrower the silhouette is on the face than the body, for rounded edges opposite the side: width over width."""
+    """Per side, the width of the silhouette on the face, away from the side, over the body's: less than 1 if the far edge is rounded."""
 
     def frame(self) -> np.ndarray:
-        """(3, 3) rows: two directions in the face, along its sides where there are any, and the inward normal."""
+        """Unit vectors, the rows of (3, 3): across the first side and along it, both in the face, and the inward normal."""
         inward = -self.face.normal
         across = self.sides[0].normal - (self.sides[0].normal @ inward) * inward
         across /= np.linalg.norm(across)
@@ -95,7 +95,7 @@ class Block:
         return inside & self._at(self.mask, seen)
 
     def exits(self, front: np.ndarray) -> np.ndarray:
-        """Where the pixels' rays leave the body that they enter at depth `front` (H, W): depths (H, W) [m], `front` off the mask."""
+        """Depths (H, W) [m] where the pixels' rays leave the body that they enter at depth `front` (H, W) [m]; `front` off the mask."""
         xy, near = pixels_of(self.mask), front[self.mask]
         entry, ahead = self.camera.unproject(xy, near), self.camera.unproject(xy, near + 1.0)
         per_metre = self.face.behind(ahead) - self.face.behind(entry)
@@ -112,7 +112,7 @@ class Block:
         return back
 
     def held(self, points: np.ndarray, pin: np.ndarray) -> np.ndarray:
-        """Which of the points (M, 3) [m] of the body lie behind what `pin` (H, W) holds, straight behind the plane where it is painted."""
+        """Which of the body's points (M, 3) [m] are held, (M,) bool: those straight behind a plane where `pin` (H, W) bool is on it."""
         result = np.zeros(len(points), bool)
         shown = self.shown()
         for number, plane in enumerate((self.face, *self.sides)):
@@ -120,7 +120,10 @@ class Block:
         return result
 
     def shown(self) -> np.ndarray:
-        """(H, W) int which plane a pixel shows, the face (0) or a side: the last one that a ray into a convex body crosses. -1 off it."""
+        """The plane (H, W) int that each pixel shows: the face (0) or a side (from 1), -1 off the mask.
+
+        A ray enters a convex body at the last of the visible planes that it crosses.
+        """
         xy = pixels_of(self.mask)
         origin, ahead = self.camera.unproject(xy, np.zeros(len(xy))), self.camera.unproject(xy, np.ones(len(xy)))
         planes = (self.face, *self.sides)
@@ -130,7 +133,7 @@ class Block:
         return shown
 
     def _at(self, image: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """Values of a frame (H, W) bool where points (..., 3) are seen; False outside the frame."""
+        """Values (...,) of `image` (H, W) bool at the pixels where points (..., 3) [m] are seen; False outside the frame."""
         xy, depth = self.camera.project(points)
         column, row = (np.round(np.where(depth > 0.0, xy[..., axis], -1.0)).astype(int) for axis in range(2))
         height, width = image.shape
@@ -139,7 +142,7 @@ class Block:
 
 
 def find_block(front: np.ndarray, mask: np.ndarray, camera: Camera) -> Block | None:
-    """The prism that a measured front shows, if it is one and shows a side.
+    """The prism that a measured front shows; None if it is not a prism or shows no side.
 
     Args:
         front: (H, W) depth along the view axis of the visible surface [m].
@@ -186,16 +189,18 @@ def find_block(front: np.ndarray, mask: np.ndarray, camera: Camera) -> Block | N
 
 
 def _half_a_pixel(behind: np.ndarray, on: np.ndarray) -> float:
-    """How much deeper [m] a plane ends than at the centres of its outermost pixels; behind: (n,) depths [m] of the pixels `on` (H, W)."""
+    """How much deeper [m] a side ends than at the centres of its outermost pixels; behind: (n,) distances [m] behind the face of the pixels
+    `on` (H, W) bool."""
     pixels = np.argwhere(on)
     slope = np.linalg.lstsq(np.column_stack([pixels, np.ones(len(pixels))]), behind, rcond=None)[0][:2]
     return 0.5 * float(np.linalg.norm(slope))
 
 
 def _radius(face: Plane, side: Plane, points: np.ndarray, pixel: float) -> float:
-    """Radius [m] of the edge between a face and a side, of points (n, 3) on them; one of less than a `pixel` [m] cannot be told from 0."""
-    # On the arc between two planes at right angles a + b, the distances behind both, is least half way: (2 - sqrt 2) radii. At a sharp
-    # edge it falls to nothing, though not in any pixel: the line through two quantiles says where to.
+    """Radius [m] of the edge between a face and a side, from points (n, 3) [m] on them; 0 if it is less than a `pixel` [m], which cannot be
+    resolved."""
+    # Let a and b be the distances behind two planes at right angles. On the arc between the planes, a + b is least half-way, (2 - sqrt 2)
+    # radii. At a sharp edge its minimum is 0, though no pixel may lie there: a line through two quantiles extrapolates to the minimum.
     share = 1.0 - EDGE_QUANTILE
     few, more = np.quantile(face.behind(points) + side.behind(points), (share, 2.0 * share))
     radius = float(2.0 * few - more) / (2.0 - float(np.sqrt(2.0)))
@@ -203,34 +208,37 @@ def _radius(face: Plane, side: Plane, points: np.ndarray, pixel: float) -> float
 
 
 def _hidden_edge(radius: float, face: Plane, side: Plane, sight: np.ndarray) -> float:
-    """How much deeper [m] than its silhouette a body is, whose edges are rounded: the far one is taken to be as round as the near one.
+    """How much deeper [m] a body with rounded edges reaches than its silhouette; the far edge is taken to be as round as the near one.
 
-    The silhouette is where the arc is touched by the line of sight (3,).
+    The silhouette is where the line of sight `sight` (3,) touches the arc of the far edge.
     """
     touched = np.arctan2(-sight @ side.normal, -sight @ face.normal)
     return radius * (1.0 - float(np.sin(touched)))
 
 
 def _stretch(face: Plane, side: Plane, radius: float, silhouette: np.ndarray, eye: np.ndarray) -> float:
-    """Width of the silhouette on the face over the body's width, away from a side: the edge opposite it is taken to be as round.
+    """Width of the silhouette on the face over the body's width, both away from a side; the opposite edge is taken to be as round.
 
     Args:
         radius: of the edge [m].
-        silhouette: (n, 3) where the outline's and all other pixels' rays cross the plane of the face [m]; eye: (3,) of the camera [m].
+        silhouette: (n, 3) where the rays of all of the object's pixels cross the plane of the face [m]; eye: (3,) the camera's place [m].
     """
     away = side.behind(silhouette)
     farthest = int(np.argmax(away))
     sight = silhouette[farthest] - eye
     forward, aside = -sight @ face.normal, -sight @ side.normal
     touched = np.arctan2(aside, forward)
-    # The line of sight that touches the arc does so before the arc's end, and crosses the face before that.
+    # The line of sight touches the arc before the arc's end, and crosses the plane of the face even before that.
     lost = radius * (1.0 - np.cos(touched)) + radius * (1.0 - np.sin(touched)) * aside / max(forward, 1e-9)
     seen = max(float(away[farthest]), 1e-9)
     return seen / (seen + float(lost))
 
 
 def _largest_plane(points: np.ndarray, left: np.ndarray, eye: np.ndarray, tolerance: float) -> Plane | None:
-    """The plane with the most of the pixels `left` (H, W) on it; None where they have no inside to fit one to."""
+    """The plane with the most of the pixels `left` (H, W) bool on it; None if they are too thin anywhere to fit a plane.
+
+    points: (H, W, 3) [m]; eye: (3,) the camera's place [m]; tolerance: distance up to which a pixel is on a plane [m].
+    """
     inside = ndimage.binary_erosion(left, iterations=ROUND)
     seeds = np.argwhere(inside)
     if len(seeds) == 0:
@@ -244,7 +252,7 @@ def _largest_plane(points: np.ndarray, left: np.ndarray, eye: np.ndarray, tolera
         if count > most:
             best, most = plane, count
     for _ in range(REFITS):
-        # Rounded edges lie within the tolerance, too, and would tilt the plane: it is that of the flat middle.
+        # Parts of rounded edges lie within the tolerance, too, and would tilt the plane, so it is fitted to the flat middle only.
         off = np.abs(best.behind(cloud))
         band = max(3.0 * float(np.median(off[off < tolerance])), 0.05 * tolerance)
         best = _fit_plane(cloud[off < min(band, tolerance)], eye)
@@ -252,7 +260,7 @@ def _largest_plane(points: np.ndarray, left: np.ndarray, eye: np.ndarray, tolera
 
 
 def _fit_plane(points: np.ndarray, eye: np.ndarray) -> Plane:
-    """Least squares through points (n, 3), the normal towards the eye (3,)."""
+    """The least-squares plane through points (n, 3) [m], with its normal towards the eye (3,) [m]."""
     centre = points.mean(axis=0)
     normal = np.linalg.eigh((points - centre).T @ (points - centre))[1][:, 0]
     return Plane(centre, normal if normal @ (eye - centre) > 0.0 else -normal)

@@ -1,4 +1,4 @@
-"""Columns along the line of sight, on a lattice in the frame: how plates, posts and the parts of a body on a stem are cut up."""
+"""Columns along the line of sight, on a lattice in the frame, into which plates, posts and the parts of a body on a stem are divided."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from ....progress import Progress
 from .relief import Relief
 
 MIN_SPACING_PIXELS = 2.0
-"""Columns are never nearer to each other than this: more of them would invent detail."""
+"""Least distance [px] between columns: more columns would invent detail."""
 THINNEST_LAYER = 0.25
-"""A body gets a second layer only if layers stay this far apart, in units of the spacing; two layers can bend, one cannot."""
+"""Least distance between two layers, in units of the spacing, for a body to get a second one; two layers can bend, one cannot."""
 COVERAGE = 0.3
-"""A lattice cell becomes a column if the object covers this part of it; smaller pieces join the nearest column."""
+"""Fraction of a lattice cell that the object must cover for it to become a column; smaller pieces join the nearest column."""
 COUNT_TOLERANCE = 0.08
-"""How near to the wanted number of particles the search for a spacing stops, relative."""
+"""Relative error in the number of particles at which the search for a spacing stops."""
 
 
 @dataclass(frozen=True)
 class Columns:
-    """Lattice cells of the silhouette with what lies behind them."""
+    """The lattice cells that cover the silhouette, each with the part of the body behind it."""
 
     xy: np.ndarray
     """(M, 2) centre of each column's pixels [px]."""
@@ -32,24 +32,24 @@ class Columns:
     thickness: np.ndarray
     """(M,) mean distance from front to back [m]."""
     pinned: np.ndarray
-    """(M,) bool: held in more than half of its pixels."""
+    """(M,) bool: whether more than half of the column's pixels are held."""
 
 
 def layers_of(thickness: np.ndarray, spacing: float) -> np.ndarray:
-    """Number of layers (M,) of columns of a given thickness (M,) [m]: about one per spacing, two where that keeps them apart."""
+    """Number of layers (M,) of columns of a `thickness` (M,) [m]: about one per spacing, at least two where they stay far enough apart."""
     regular = np.round(thickness / spacing)
     return np.maximum(regular, np.where(thickness / 2.0 >= THINNEST_LAYER * spacing, 2, 1)).astype(int)
 
 
 def across_layers(layers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Which of columns with so many `layers` (M,) each of their particles is in, (N,), and its share of the way from front to back (N,)."""
+    """The particles of columns with `layers` (M,) layers: the column of each (N,), and its place from front, 0, to back, 1, (N,)."""
     column = np.repeat(np.arange(len(layers)), layers)
     first = np.cumsum(layers) - layers
     return column, (np.arange(len(column)) - first[column] + 0.5) / layers[column]
 
 
 def surface_metric(relief: Relief) -> np.ndarray:
-    """(2, 2) metres per pixel along the plane that fits the visible surface best: a lattice is to be regular there, not in the frame.
+    """Metres per pixel (2, 2) along the plane that fits the visible surface best: a lattice is to be regular there, not in the frame.
 
     Rows are coordinates in that plane, columns are frame x and y.
     """
@@ -57,7 +57,7 @@ def surface_metric(relief: Relief) -> np.ndarray:
     points = relief.points(xy, 0.0 if relief.kind == "plate" else 0.5)
     design = np.column_stack([np.ones(len(xy)), xy])
     slope = np.linalg.lstsq(design, points, rcond=None)[0][1:]  # (2, 3): world metres per pixel
-    # The symmetric square root of the first fundamental form: the frame plane's axes are kept as far as a stretch allows.
+    # The symmetric square root of the first fundamental form: a pure stretch, which does not rotate the frame's axes.
     values, vectors = np.linalg.eigh(slope @ slope.T)
     metre_per_pixel = np.median(relief.front[relief.mask]) / np.sqrt(relief.camera.fx * relief.camera.fy)
     sizes = np.clip(np.sqrt(np.maximum(values, 0.0)), 0.5 * metre_per_pixel, 4.0 * metre_per_pixel)
@@ -65,10 +65,13 @@ def surface_metric(relief: Relief) -> np.ndarray:
 
 
 def columns_of(relief: Relief, metric: np.ndarray, spacing: float, held: np.ndarray) -> Columns:
-    """Cut the silhouette into cells of a square lattice of `spacing` [m] in the surface's plane."""
+    """Divide the silhouette into cells of a square lattice of `spacing` [m] in the surface's plane.
+
+    metric: see `surface_metric`; held: (H, W) bool, where the body is held.
+    """
     pixels, held = pixels_of(relief.mask), held[relief.mask]
     cell_pixels = spacing / np.sqrt(np.linalg.det(metric))
-    # Small cells are cut from parts of pixels, or the lattice would beat with the pixel grid.
+    # For small cells, pixels are subdivided; otherwise the lattice would alias with the pixel grid.
     parts = max(1, int(np.ceil(5.0 / cell_pixels)))
     offsets = (np.arange(parts) + 0.5) / parts - 0.5
     dots = (pixels[:, None] + np.stack(np.meshgrid(offsets, offsets), -1).reshape(1, -1, 2)).reshape(-1, 2)
@@ -93,10 +96,10 @@ def columns_of(relief: Relief, metric: np.ndarray, spacing: float, held: np.ndar
 
 
 def _cells(indices: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """What `np.unique` says of rows (D, 2) of whole numbers, without sorting millions of them.
+    """The same as `np.unique` for rows `indices` (D, 2) of integers, without sorting millions of them.
 
     Returns:
-        The different rows (C, 2) in order, which of them each row is (D,), and how many are each (C,).
+        The distinct rows (C, 2) in order, the index (D,) of each row among them, and the number (C,) of rows equal to each.
     """
     lowest = indices.min(axis=0)
     width = int(np.ptp(indices[:, 1])) + 1

@@ -1,8 +1,8 @@
-"""How thick a rounded body is behind each of its pixels: as its outline says, and as much as its visible side bulges.
+"""The thickness of a rounded body behind each of its pixels, from its outline and from how much its visible side bulges.
 
-The union of balls on the outline's maximal inscribed circles is as deep everywhere as it is broad there (Igarashi et al. 1999, "Teddy",
-inflate outlines so): a stem gets the section of a stem, a head that of a head. Real bodies are flatter or deeper than that. The measured
-front tells by how much: what it rises over a surface through its rim, against the same of the balls' front, is taken for the back, too.
+The union of the balls on the outline's maximal inscribed circles is everywhere as deep as it is broad (Igarashi et al. 1999, "Teddy",
+inflate outlines in this way): a stem gets the section of a stem, a head that of a head. Real bodies are flatter or deeper than that. The
+measured front shows by how much: its rise over a surface through its rim, relative to that of the balls' front, is used for the back, too.
 """
 
 from __future__ import annotations
@@ -17,21 +17,21 @@ from scipy.sparse.linalg import spsolve
 from ...clip.depth import filled
 
 SIDE = 160
-"""Outlines larger than this [px] are inflated on every second pixel, every third and so on: the result is smooth."""
+"""Side [px] beyond which outlines are inflated on every second pixel, every third, and so on: the result is smooth."""
 LEAK = 2
-"""Pixels along the outline whose depth may be that of what is behind; what bulges only with them is flat."""
+"""Width [px] along the outline in which depths may be the background's; what bulges only with these pixels is flat."""
 RIM = 1.0
-"""Pixels no farther than this from the outline [px] carry the surface through the rim."""
+"""Distance from the outline [px] up to which pixels define the surface through the rim."""
 SMOOTHED = 1.0
-"""Standard deviation of the Gaussian over which the bulge is measured, in radii of the inscribed circle there."""
+"""Standard deviation of the Gaussian over which the local bulge is measured, in radii of the inscribed circle there."""
 SHRUNK, WIDER = 0.02, 8.0
-"""How much what surrounds that counts, and how much wider it is."""
+"""Weight of the wider surroundings in the local bulge, and how many times as wide their Gaussian is."""
 FLATTEST, DEEPEST = 0.3, 1.5
-"""Bulges are taken to lie between these: 1 is round."""
+"""Bounds of the local bulge; 1 is round."""
 LEAKED = 0.5
-"""A bulge that falls below this share of itself without the pixels along the outline is one of them, not of the body."""
+"""If, without the pixels along the outline, the bulge falls below this fraction of itself, these pixels cause it, not the body."""
 CLOSEST = 0.5
-"""Radius over distance of what fills the frame; nothing is taken to be nearer."""
+"""Largest ratio of radius to distance that is assumed; such a ball fills the frame."""
 
 
 @dataclass(frozen=True)
@@ -41,23 +41,23 @@ class Inflated:
     thickness: np.ndarray
     """(H, W) metres along the view axis behind the visible surface, 0 off the mask."""
     bulge: float
-    """How far the front rises over its rim, relative to the balls: 0 is flat, 1 round."""
+    """Rise of the front over its rim, relative to the balls': 0 is flat, 1 round."""
 
 
 @dataclass(frozen=True)
 class Balls:
-    """The union of balls on the maximal inscribed circles of an outline."""
+    """The union of the balls on the maximal inscribed circles of an outline."""
 
     half: np.ndarray
     """(H, W) half its depth [px], 0 off the mask."""
     radius: np.ndarray
-    """(H, W) radius [px] of the ball that reaches farthest there."""
+    """(H, W) radius [px] of the deepest ball there."""
     rim: np.ndarray
     """(H, W) distance from the outline [px]."""
 
 
 def inflate(front: np.ndarray, mask: np.ndarray, pixel: float) -> Inflated:
-    """A body behind the front (H, W) [m] with the silhouette mask (H, W); `pixel` is a pixel's width on the body [m]."""
+    """The body behind the front (H, W) [m] with the silhouette `mask` (H, W) bool; `pixel` is a pixel's width on the body [m]."""
     cut = ndimage.find_objects(mask.astype(int))[0]
     step = -(-max(mask[cut].shape) // SIDE)
     few, shape = (slice(None, None, step),) * 2, mask[cut][::step, ::step]
@@ -69,7 +69,7 @@ def inflate(front: np.ndarray, mask: np.ndarray, pixel: float) -> Inflated:
     without = bulges(near, inner, step * pixel, balls(inner))[1] if inner.any() else whole
     leaks = without < LEAKED * whole
     local = local * max(without, 0.0) / whole if leaks else local
-    # A ball's outline is not its widest circle: that one lies behind it by the radius times radius over distance.
+    # In perspective, a ball's outline is not its widest circle, which lies behind the outline's by radius² / distance.
     hidden = np.minimum(union.radius * step * pixel / near, CLOSEST)
     depth = 2.0 * step * pixel * np.clip(local / (1.0 - hidden), FLATTEST, DEEPEST) * union.half
     thickness = np.zeros(mask.shape)
@@ -78,16 +78,16 @@ def inflate(front: np.ndarray, mask: np.ndarray, pixel: float) -> Inflated:
 
 
 def _finer(image: np.ndarray, mask: np.ndarray, step: int, shape: tuple[int, int]) -> np.ndarray:
-    """The image on every `step`-th pixel, interpolated on all pixels; off its mask that of the nearest pixel."""
+    """An image given on every `step`-th pixel, interpolated on all pixels; off its mask it continues the nearest pixel's value."""
     if step == 1:
         return image
     return ndimage.map_coordinates(filled(image, mask), np.indices(shape) / step, order=1, mode="nearest")
 
 
 def balls(mask: np.ndarray) -> Balls:
-    """The balls in a silhouette (H, W).
+    """The balls in a silhouette `mask` (H, W) bool.
 
-    half² = max over centres c of radius(c)² - |pixel - c|²: a distance transform with parabolas, one axis after the other.
+    half² = max over centres c of radius(c)² - |pixel - c|², computed as a distance transform with parabolas, one axis after the other.
     """
     rim = np.where(mask, ndimage.distance_transform_edt(np.pad(mask, 1))[1:-1, 1:-1] - 0.5, 0.0)
     square, radius = np.where(mask, rim**2, -np.inf), rim
@@ -105,12 +105,12 @@ def balls(mask: np.ndarray) -> Balls:
 
 
 def bulges(front: np.ndarray, mask: np.ndarray, pixel: float, union: Balls) -> tuple[np.ndarray, float]:
-    """How far the front rises over its rim, relative to the balls: about each pixel (H, W), and as a whole. 0 is flat, 1 round.
+    """Rise of the front over its rim relative to the balls': near each pixel (H, W), and on the whole. 0 is flat, 1 round.
 
     Args:
         front: (H, W) depth of the visible surface [m].
         mask: (H, W) bool, the silhouette.
-        pixel: its width on the body [m].
+        pixel: a pixel's width on the body [m].
         union: `balls` of the mask.
     """
     edge = mask & (union.rim < RIM)
@@ -133,12 +133,12 @@ def bulges(front: np.ndarray, mask: np.ndarray, pixel: float, union: Balls) -> t
 
 
 def _blur(image: np.ndarray, sigma: float) -> np.ndarray:
-    """Gaussian; wider than the frame, it is its mean."""
+    """The image blurred by a Gaussian; its mean if the Gaussian is wider than the image."""
     return ndimage.gaussian_filter(image, sigma, truncate=3.0) if sigma < max(image.shape) else np.full(image.shape, image.mean())
 
 
 def _from_rim(image: np.ndarray, mask: np.ndarray, edge: np.ndarray) -> np.ndarray:
-    """The image (H, W) less the harmonic function that equals it on the edge; 0 off the mask."""
+    """The image (H, W) minus the harmonic function that equals it on the `edge` (H, W) bool of the mask; 0 off the mask."""
     inner = mask & ~edge
     if not inner.any():
         return np.zeros(mask.shape)

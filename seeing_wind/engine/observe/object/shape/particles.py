@@ -1,7 +1,7 @@
-"""Material points between the visible surface and the back.
+"""Particles between the visible surface and the back.
 
-Plates and posts: columns on a lattice in the frame, layers along the line of sight. Balls and other solids, whose far side would have
-much wider columns than the near one, and blocks, whose sides are known: cells of a cubic lattice.
+Plates and posts get columns on a lattice in the frame, with layers along the line of sight. Balls and other solids, whose columns would be
+much wider on the far side than on the near one, and blocks, whose sides are known, get cells of a cubic lattice.
 """
 
 from __future__ import annotations
@@ -23,22 +23,22 @@ SOLID = ("block", "ball", "solid")
 """Kinds of bodies that are filled by cells instead of columns."""
 
 DOTS = 4
-"""At least so many dots along each side of a cell say how much of it the body covers."""
+"""Least number of sample dots along each side of a cell, from which the part that the body covers is estimated."""
 
 RANGE, TRIED = 1.0, 50
-"""Logarithm of the factor by which a block's cells may be larger or smaller than cubes of the wanted number, and how many are tried."""
+"""Range of the logarithm of a block's spacing round that of cubes of the wanted number, and the number of values tried on either side."""
 
 FLAT = 1e-6
-"""A body whose particles vary less than this share of their largest variance along some axis lies in a plane."""
+"""Variance of the particles along an axis, in units of the largest, below which they lie in a plane."""
 
 MOST_SPREAD = 4.0 / 3.0
-"""Most that the particles' second moments are made larger: what two cells across lack."""
+"""Largest factor by which the particles' second moments are raised: what two cells across lack."""
 
 SAME = 0.08
-"""Sides of a block whose lengths differ by less than this share are meant to be equal."""
+"""Relative difference between the lengths of a block's sides below which they are meant to be equal."""
 
 RIM = 0.002
-"""Share of a block's dots that may lie beyond the outermost cells: pixels of its outline are uneven."""
+"""Fraction of a block's dots that may lie beyond the outermost cells, as the pixels of its outline are uneven."""
 
 
 def fill(
@@ -48,9 +48,9 @@ def fill(
 
     Args:
         relief: front and back of the body.
-        count: wanted number of particles; bodies of few pixels get fewer, and one on a stem gets as many as its stem asks for.
-        pin: (H, W) bool, where the body is held in frame 0; every layer behind a held column is held.
-        wider: of a body on a stem, how many times as far from the stem's middle its particles are, see `on_stem.widening`.
+        count: wanted number of particles; bodies of few pixels get fewer, and one on a stem gets as many as its stem requires.
+        pin: (H, W) bool, where the body is held in frame 0; all layers of a held column are held.
+        wider: for a body on a stem, by how many times its particles are moved away from the middle, see `on_stem.widening`.
 
     Returns:
         Particles whose volumes sum to the body's volume exactly.
@@ -77,9 +77,9 @@ def fill(
 
 
 def cells_of(relief: Relief, count: int, held: np.ndarray) -> Particles:
-    """Fill a solid with about `count` cells of a lattice, cut by the body's surface.
+    """Fill a solid with about `count` cells of a lattice, clipped by the body's surface; held: (H, W) bool, where it is held.
 
-    The lattice is cubic, along the camera's axes; that of a block lies along its sides, in layers that end at its face and its back.
+    The lattice is cubic and along the camera's axes; a block's is along its sides, with layers that end at its face and its back.
     """
     volume_of_pixel = relief.pixel_volume()
     total = float(volume_of_pixel.sum())
@@ -104,17 +104,18 @@ def cells_of(relief: Relief, count: int, held: np.ndarray) -> Particles:
     if held.any():
         share = np.bincount(nearest, weight * on_pin, number) / volume
         pinned = share > min(0.5, 0.99 * share.max())  # a pin smaller than a cell holds the cells it lies in
-        if not pinned.any():  # smaller than the gaps between the dots
+        if not pinned.any():  # it is smaller than the gaps between the dots
             painted = relief.points(pixels_of(held & relief.mask), 0.5)
             pinned[cKDTree(centre).query(painted)[1]] = True
     return Particles(x=centre, volume=volume, pinned=pinned, spacing=spacing)
 
 
 def spread(centre: np.ndarray, volume: np.ndarray, dots: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Cell centres (N, 3) moved apart until the particles' second moments are those of the body, given as dots (D, 3) of `weight` (D,).
+    """Cell centres (N, 3) [m], moved apart until the particles' second moments are those of the body, given as dots (D, 3) [m] of `weight`
+    (D,) [m³].
 
-    A cell's mass in its centre lacks what it is spread within the cell. That is what a force has to turn, bend and squeeze: of four cells
-    across a post 6 % of its stiffness. Of two it brings the particles to the places of Gauss's quadrature.
+    Putting a cell's mass in its centre neglects its spread within the cell, and so underestimates the resistance to turning and bending:
+    a post four cells across would lack 6 % of its stiffness. With two cells across, the particles move to the points of Gauss quadrature.
     """
     middle = np.average(dots, axis=0, weights=weight)
     body, cells = (np.cov(x.T, aweights=w, ddof=0) for x, w in ((dots, weight), (centre, volume)))
@@ -133,13 +134,13 @@ def spread(centre: np.ndarray, volume: np.ndarray, dots: np.ndarray, weight: np.
 def _in_block(
     block: Block, dots: np.ndarray, spacing: float, count: int, finest: float, on_pin: np.ndarray
 ) -> tuple[float, np.ndarray, float]:
-    """Cells (D, 3) int of dots (D, 3) in a lattice that begins and ends at the block's sides, with about `count` cells of `spacing` [m].
+    """The cells of dots (D, 3) [m] in a lattice that ends at the block's sides, with about `count` cells of about `spacing` [m].
 
-    Sides of the same length get as many cells, or a post would be stiffer one way than the other. Where a part of the block is held (D,),
-    a layer ends at the border: how far a force bends it goes with the cube of what is free.
+    Sides of the same length get the same number of cells, or a post would be stiffer one way than the other. If a part of the block is
+    held, the dots `on_pin` (D,) bool, a layer ends at its border: how far a force bends the block grows with the cube of the free length.
 
     Returns:
-        the spacing [m], at least `finest`; the cells; a cell's volume [m³].
+        the spacing [m], at least `finest`; the cell of each dot (D, 3) int; the mean volume of a cell [m³].
     """
     flat = (dots - block.face.point) @ block.frame().T
     low, high = np.quantile(flat, RIM, axis=0), np.quantile(flat, 1.0 - RIM, axis=0)
@@ -155,7 +156,7 @@ def _in_block(
 
 
 def _cells(extent: np.ndarray, spacing: float, count: int, finest: float) -> tuple[float, np.ndarray]:
-    """Spacing [m] and numbers of cells (3,) along a block's extent (3,) [m]: those near `spacing` whose product is nearest `count`."""
+    """Spacing [m] and numbers of cells (3,) along a block's `extent` (3,) [m]: near `spacing` [m], with a product nearest to `count`."""
     length = extent.copy()
     for a, b in ((0, 1), (0, 2), (1, 2)):
         if abs(np.log(length[a] / length[b])) < SAME:
@@ -167,7 +168,7 @@ def _cells(extent: np.ndarray, spacing: float, count: int, finest: float) -> tup
 
 
 def _border(along: np.ndarray, held: np.ndarray, held_below: bool) -> float:
-    """The place on an axis that parts best what is held (D,) from what is not, of dots at `along` (D,) [m]."""
+    """The place on an axis [m] that best separates the `held` (D,) bool dots from the others; `along`: (D,), the dots' places on it [m]."""
     order = np.argsort(along if held_below else -along)
     wins = np.cumsum(np.where(held[order], 1, -1))
     last = int(np.argmax(wins))
@@ -175,7 +176,7 @@ def _border(along: np.ndarray, held: np.ndarray, held_below: bool) -> float:
 
 
 def _ending_at(edges: np.ndarray, border: float) -> np.ndarray:
-    """Edges of as many cells, even on either side of one at `border`."""
+    """The edges of the same number of cells, one edge at `border` and the others evenly spaced on either side of it."""
     cells, first, last = len(edges) - 1, edges[0], edges[-1]
     if cells < 2 or not first < border < last:
         return edges
@@ -187,7 +188,7 @@ def _dots(relief: Relief, spacing: float, pixel: float) -> tuple[np.ndarray, np.
     """Dots along the pixels' rays, several in a cell of `spacing` [m] each way; `pixel` is a pixel's width on the body [m].
 
     Returns:
-        places (D, 3) [m], weights (D,) [m³] that add up to the body's volume, and the number of each dot's pixel in the mask (D,).
+        places (D, 3) [m], weights (D,) [m³] that add up to the body's volume, and the index (D,) of each dot's pixel among the mask's.
     """
     rows, columns = np.nonzero(relief.mask)
     near, far = relief.front[rows, columns], relief.back[rows, columns]

@@ -1,11 +1,12 @@
-"""A body that stands or hangs on something thin: the stem that carries it, what it carries, and what grows from the stem.
+"""A body that stands or hangs on something thin: its stem, the head that the stem carries, and the sheets that grow from the stem.
 
-An outline alone tells the parts of a flower that is held at its foot: the way from what is held to the widest place is the load's, and
-where that way is narrow it runs through a stem. A stem is a rod of its local width, round as most are. What it carries is as deep as it
-is broad, place by place (`balls`), and what grows from it beside the load's way, leaves and twigs, is a thin sheet.
+An outline alone is enough to tell the parts of a flower that is held at its foot: the load's path runs from the held part to the widest
+place, and where that path is narrow, it runs through a stem. A stem is a rod of its local width, round as most are. The head is locally as
+deep as it is broad (`balls`), and what grows beside the load's path, such as leaves and twigs, is a thin sheet.
 
-The rod has four particles to a section, half its radius off the axis: so they have the second moment of a disc, r² / 4 each way, which is
-what it bends by. Their distance is the radius, and the grid follows it, as a grid that the stem does not fill does not bend it.
+The rod has four particles per section, half its radius off the axis, which gives it the second moment of a disc, r² / 4 each way, and so
+its bending stiffness. The particles are a radius apart, and the grid follows: on a grid that the stem does not fill, it would not bend
+properly.
 """
 
 from __future__ import annotations
@@ -22,25 +23,25 @@ from ....masks import pixels_of
 from .inflate import balls
 
 CARRIES = 0.5
-"""Radius of the way, in units of the widest circle's, from which it is the head's and no longer the stem's."""
+"""Radius along the load's path, in units of the widest circle's, from which it is in the head and no longer in the stem."""
 
 SLENDER, SLIM = 4.0, 0.35
-"""Least length of a stem in units of its breadth, and most of its radius in units of the widest circle's."""
+"""Least length of a stem in units of its breadth, and its largest radius in units of the widest circle's."""
 
 CENTRED = 2.0
-"""Power of the distance to the outline with which a way along the middle is shorter than one along the rim."""
+"""Power of the distance to the outline that divides the cost of a path's step, so that the path keeps to the middle."""
 
 SWELLS = 1.3
-"""Most of a stem's radius in units of its usual one: where a leaf begins, the outline is wider than the stem."""
+"""Largest radius of a stem in units of its median: where a leaf begins, the outline is wider than the stem."""
 
 ROOTED = 3.0
-"""Least length of a stem's held place in units of its sections, two of the grid's cells: what is held by less can turn like a hinge."""
+"""Least length of a stem's held part in units of its sections, two of the grid's cells: a shorter one could turn like a hinge."""
 
 BESIDE = 1.0
-"""Pixels of an outline's raggedness that go to the stem."""
+"""Distance [px] beyond its radius up to which ragged pixels of the outline belong to the stem."""
 
 SHEET_PIXELS = 24
-"""Fewer pixels beside the stem are its own ragged outline."""
+"""Least area [px] of a sheet; a smaller region beside the stem is its own ragged outline."""
 
 
 @dataclass(frozen=True)
@@ -48,23 +49,23 @@ class Parts:
     """Stem, head and sheets in frame 0."""
 
     axis: np.ndarray
-    """(S, 2) the stem's axis [px], from what is held to the head, a pixel apart."""
+    """(S, 2) points about a pixel apart on the stem's axis, from the held part to the head [px]."""
     radius: np.ndarray
-    """(S,) of the stem there [px]."""
+    """(S,) radius of the stem there [px]."""
     stem: np.ndarray
     """(H, W) bool."""
     head: np.ndarray
     """(H, W) bool."""
     sheets: np.ndarray
-    """(H, W) int: from 1 on, the sheet that a pixel belongs to."""
+    """(H, W) int: the number, from 1, of the sheet that a pixel belongs to, else 0."""
 
     def half(self) -> np.ndarray:
-        """(H, W) half the depth of stem and head [px], 0 elsewhere."""
+        """Half the depth (H, W) of stem and head [px], 0 elsewhere."""
         return np.where(self.stem, balls(self.stem).half, np.where(self.head, balls(self.stem | self.head).half, 0.0))
 
 
 def parts_of(mask: np.ndarray, held: np.ndarray) -> Parts | None:
-    """The parts of the silhouette `mask` (H, W) bool that is held where `held` (H, W) bool; None where no stem carries the rest."""
+    """The parts of the silhouette `mask` (H, W) bool of a body that is held in `held` (H, W) bool; None if no stem carries the rest."""
     foot = held & mask
     if not foot.any():
         return None
@@ -93,14 +94,17 @@ def parts_of(mask: np.ndarray, held: np.ndarray) -> Parts | None:
 
 
 def _smooth(line: np.ndarray, sigma: float) -> np.ndarray:
-    """A line of points (S, 2) blurred along itself, its ends where they were: beyond them it goes on as it came."""
+    """A line of points (S, 2), smoothed along itself by a Gaussian; its ends stay in place, as point reflection continues it there."""
     more = min(int(3.0 * sigma), len(line) - 1)
     beyond = np.pad(line, ((more, more), (0, 0)), mode="reflect", reflect_type="odd")
     return ndimage.gaussian_filter1d(beyond, sigma, axis=0)[more : more + len(line)]
 
 
 def _way(mask: np.ndarray, rim: np.ndarray, foot: np.ndarray, widest: tuple[np.intp, ...]) -> np.ndarray | None:
-    """Rows and columns (S, 2) of the way along the middle of the mask from the far end of `foot` to `widest`; None where there is none."""
+    """Rows and columns (S, 2) of the path along the middle of the mask from the far end of `foot` to `widest`; None if there is none.
+
+    rim: (H, W) distance from the outline [px]; foot: (H, W) bool, the held part; widest: row and column of the widest place.
+    """
     rows, columns = np.nonzero(mask)
     number = np.full(mask.shape, -1)
     number[rows, columns] = np.arange(len(rows))
@@ -129,7 +133,7 @@ def _way(mask: np.ndarray, rim: np.ndarray, foot: np.ndarray, widest: tuple[np.i
 
 
 def _beside(mask: np.ndarray, stem: np.ndarray, widest: tuple[np.intp, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """What is stem, head and sheets (numbered from 1) of a mask (H, W), given about where the stem is."""
+    """Stem, head (H, W) bool and the sheets' numbers (H, W) int of a `mask` (H, W) bool, from the approximate `stem` (H, W) bool."""
     labels, count = ndimage.label(mask & ~stem, structure=np.ones((3, 3)))
     sizes = np.bincount(labels.ravel(), minlength=count + 1)
     head = labels == labels[widest]
@@ -141,14 +145,14 @@ def _beside(mask: np.ndarray, stem: np.ndarray, widest: tuple[np.intp, ...]) -> 
 
 @dataclass(frozen=True)
 class Sections:
-    """The stem cut across its axis."""
+    """The stem divided into M sections across its axis."""
 
     place: np.ndarray
-    """(M, 2) [px]."""
+    """(M, 2) centres [px]."""
     radius: np.ndarray
     """(M,) [px]."""
     direction: np.ndarray
-    """(M, 2) of the axis, of unit length."""
+    """(M, 2) unit vectors along the axis."""
     length: np.ndarray
     """(M,) along the axis [px]."""
     held: np.ndarray
@@ -156,8 +160,11 @@ class Sections:
 
 
 def sections(parts: Parts, step: float, held: np.ndarray) -> Sections:
-    """The stem cut in sections about `step` [px] long. What is held, (H, W) bool, ends between two of them, as how far a force bends the
-    stem goes with the cube of what is free. A held place shorter than `ROOTED` sections is made as long, beyond the stem's end."""
+    """The stem divided into sections about `step` [px] long.
+
+    The part that is `held` (H, W) bool ends between two sections, as how far a force bends the stem grows with the cube of its free length.
+    A held part shorter than `ROOTED` sections is lengthened to that, beyond the stem's end.
+    """
     gone = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(parts.axis, axis=0), axis=1))])
     column, row = np.clip(np.round(parts.axis).astype(int), 0, np.array(held.shape)[::-1] - 1).T
     on = np.flatnonzero(held[row, column])

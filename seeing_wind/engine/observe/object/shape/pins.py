@@ -1,9 +1,9 @@
-"""What of a solid is held: the painted part of the frame shows the border on the visible side only, and the border runs on inside.
+"""The held part of a solid: paint in the frame shows its border on the visible side only, and the border must be continued inside.
 
-A pot is held up to its rim, also behind the rim, where the rays of unpainted pixels pass over it and go down. So the border is the plane
-that parts the painted front from the rest, and, as far as that does not say how it is tilted, runs along the view. A block is held
-straight across if the paint allows it: paint is rough, and a border that is tilted by a few degrees makes a post answer to a wind with a
-swing across it. Otherwise what is painted on its face is held straight behind that face.
+A pot is held up to its rim, also behind the rim, where the rays of unpainted pixels pass over the rim and go down. So the border is the
+plane that separates the painted front from the rest; as far as the paint leaves its tilt open, it runs along the view. A block is held
+straight across if the paint allows it: paint is rough, and a border that is tilted by a few degrees makes a post respond to a wind with a
+swing across it. Otherwise, what is painted on the block's face is held straight behind that face.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from .block import Block
 from .relief import Relief
 
 RIM = 2
-"""Pixels so near to the outline are not asked on which side of the border they are: paint seldom reaches the outline exactly."""
+"""Distance [px] from the outline up to which pixels are not used to find the border: paint seldom reaches the outline exactly."""
 SOFT, TILTED = 1e-4, 3.0
-"""Penalty on the sharpness of the border, and how much more on its tilt against the view."""
+"""Penalty on the sharpness of the border, and its factor for the tilt against the view."""
 GRAZING = 0.05
 """Least cosine between a pixel's ray and the surface that it shows."""
 MISPLACED = 0.1
-"""Share of the smaller part of the front that may lie on the wrong side; else every layer behind a painted pixel is held."""
+"""Fraction of the smaller part of the front that may lie on the wrong side; if more does, every layer behind a painted pixel is held."""
 SLANTED = 0.25
-"""The same share for a border straight across a block: paint that slants by as much as the block is broad may be rough."""
+"""The same fraction for a border straight across a block: roughly painted, it may slant by as much as the block is broad."""
 
 
 def held_dots(relief: Relief, held: np.ndarray, dots: np.ndarray, pixel: np.ndarray) -> np.ndarray:
@@ -36,7 +36,7 @@ def held_dots(relief: Relief, held: np.ndarray, dots: np.ndarray, pixel: np.ndar
         relief: front and back of the body.
         held: (H, W) bool, painted as held in frame 0.
         dots: places [m].
-        pixel: (D,) number of each dot's pixel among those of the mask.
+        pixel: (D,) index of each dot's pixel among those of the mask.
     """
     painted, front = held[relief.mask], relief.points(pixels_of(relief.mask), 0.0)
 
@@ -57,14 +57,14 @@ def held_dots(relief: Relief, held: np.ndarray, dots: np.ndarray, pixel: np.ndar
 
 
 def _across(block: Block, painted: np.ndarray, front: np.ndarray, relief: Relief) -> tuple[np.ndarray, float] | None:
-    """The plane across one of the block's edges that leaves as much of its surface on the held side as is painted.
+    """The plane perpendicular to one of the block's edges with as much of the visible surface on its held side as is painted.
 
     Args:
         painted: (P,) bool, which pixels of the mask are painted as held.
-        front: (P, 3) what they show [m].
+        front: (P, 3) the points that these pixels show [m].
 
     Returns:
-        normal (3,) away from what is held, and offset [m]; None where too much of the paint, or of the rest, would lie on the wrong side.
+        normal (3,) away from the held part, and offset [m]; None if too much of the paint, or of the rest, would lie on the wrong side.
     """
     ray = front - relief.camera.pose(0)[:3, 3]
     normal = np.stack([plane.normal for plane in (block.face, *block.sides)])[np.maximum(block.shown()[relief.mask], 0)]
@@ -82,10 +82,10 @@ def _across(block: Block, painted: np.ndarray, front: np.ndarray, relief: Relief
 
 
 def _border_plane(relief: Relief, held: np.ndarray) -> tuple[np.ndarray, float] | None:
-    """The plane that parts best what is painted of the front from what is not, by logistic regression with a ridge.
+    """The plane that best separates the painted part of the front from the rest, by logistic regression with a ridge penalty.
 
     Returns:
-        normal (3,) away from what is held, and offset [m]; None where nothing borders on it.
+        normal (3,) away from the held part, and offset [m]; None if all or none of the front is painted, or no plane separates it.
     """
     inner = ndimage.binary_erosion(relief.mask, iterations=RIM)
     if not ((held & inner).any() and (inner & ~held).any()):

@@ -1,14 +1,14 @@
 """The body in frame 0 as two depth maps: the visible surface and a guessed back.
 
-One frame shows a front only. The back is a guess by rules that a user can check and override with a thickness:
+A single frame only shows a front. The back is guessed by rules that a user can check, and override with a thickness:
 
 - a measured front of flat faces that shows the sides of a plate or post is the block that these sides bound (`block`),
-- a silhouette that fills its inscribed circle is a ball (where no measured depth says otherwise), behind it the rest of the sphere;
-  a given thickness that is much less than its diameter makes it a disc,
-- a measured front that bulges towards the camera is inflated by as much behind (`inflate`),
-- where no depth was measured, a silhouette that is held and has a stem between that place and its widest one is a body of `parts`,
-- a silhouette much longer than broad is a post, as thick as it is broad, and round where no depth was measured; a given thickness that
-  is much less than its breadth makes it a strip,
+- a silhouette that is hardly larger than its inscribed circle is a ball (unless a measured depth contradicts), with the rest of the sphere
+  behind it; a given thickness much less than the diameter makes it a disc,
+- a measured front that bulges towards the camera gets a back that bulges by as much (`inflate`),
+- where no depth was measured, a silhouette that is held and has a stem between the held part and its widest place is a body of `parts`,
+- a silhouette much longer than broad is a post, as thick as it is broad, and round where no depth was measured; a given thickness much
+  less than the breadth makes it a strip,
 - everything else is a plate, a few percent of its size thick.
 """
 
@@ -33,31 +33,32 @@ MIN_PIXELS = 16
 """Fewer pixels than this carry no shape."""
 
 SPECK = 0.02
-"""Parts of the mask smaller than this fraction of its largest part are noise."""
+"""Components of the mask smaller than this fraction of the largest one are noise."""
 
 ROUND = 0.82
-"""Inscribed circle over silhouette area: 1 for a disc, 0.785 for a square."""
+"""Area of the inscribed circle over that of the silhouette from which it is round: 1 for a disc, 0.785 for a square."""
 
 LONG = 4.0
 """Length over breadth from which a silhouette is a post."""
 
 ROUNDEST, OFF_CIRCLE, FEW = (0.7, 1.4), 1.15, 0.03
-"""A measured front is a ball's if its bulge is between these, and if few of its pixels lie farther out than so many inscribed radii."""
+"""A measured front is a ball's if its bulge lies in ROUNDEST and less than the fraction FEW of its pixels is more than OFF_CIRCLE inscribed
+radii from the centre."""
 
 BULGE = 0.35
-"""Rise of a front over its rim from which it is solid, relative to that of something round: 1 for a ball, about 0 for a plate."""
+"""Rise of a front over its rim from which the body is solid, relative to that of a round one: 1 for a ball, about 0 for a plate."""
 
 PLATE_THICKNESS = 0.05
 """Thickness of a plate in units of the square root of its area: thick enough for the solver's grid, thin to the eye."""
 
 THINNEST = 0.5
-"""Least thickness of a ball's rim in pixels' widths: its outline on whole pixels reaches a little beyond the sphere's."""
+"""Least thickness of a ball's rim, in widths of a pixel: its outline on whole pixels reaches a little beyond the sphere's."""
 
 DISC = 0.5
-"""Given thickness in diameters under which a round silhouette is that of a disc, and one of a post that of a strip."""
+"""Given thickness, in units of the diameter, below which a round silhouette is a disc's and that of a post a strip's."""
 
 STRAY = 3.0
-"""Depths farther from the object's 5th to 95th percentile than this many times what these are apart are not its own."""
+"""Depths outside the 5th to 95th percentile by more than this many times the distance between these are not the object's."""
 
 MAX_SLANT = 3.0
 """Cap on 1 / cos(slant) where a surface turns edge-on."""
@@ -65,7 +66,7 @@ MAX_SLANT = 3.0
 
 @dataclass(frozen=True)
 class Relief:
-    """A body between two depth maps. Maps are filled with the nearest value off the mask, so that they can be interpolated there."""
+    """A body between two depth maps, which are filled with the nearest values off the mask, so that they can be interpolated there."""
 
     mask: np.ndarray
     """(H, W) bool, specks removed."""
@@ -77,19 +78,19 @@ class Relief:
     kind: str
     """block, ball, parts, solid, post, plate or sheet."""
     thickness: float
-    """Largest thickness along the view axis on a surface that faces the camera, of a block that behind its face [m]."""
+    """The body's thickness [m]: a plate's or a measured post's median along the view axis, a block's behind its face, else the largest."""
     block: Block | None = None
-    """The prism, of a block."""
+    """The prism, if the body is a block."""
     parts: Parts | None = None
-    """Stem, head and sheets, of a body of parts."""
+    """Stem, head and sheets, if it is a body of parts."""
 
     def points(self, xy: np.ndarray, across: np.ndarray | float) -> np.ndarray:
-        """Pixels (..., 2) at `across` (...,) of the way from front (0) to back (1) -> world (..., 3) [m]."""
+        """World points (..., 3) [m] at pixels xy (..., 2), where `across` (...,) is 0 on the front and 1 on the back."""
         front, back = sample(self.front, xy), sample(self.back, xy)
         return self.camera.unproject(xy, front + across * (back - front))
 
     def pixel_volume(self) -> np.ndarray:
-        """(H, W) volume [m³] of the body behind each pixel, a frustum between front and back; 0 off the mask. Not to be written to."""
+        """Volume (H, W) [m³] of the body behind each pixel, a frustum between front and back; 0 off the mask. Read-only."""
         return self._volume
 
     @cached_property
@@ -99,12 +100,12 @@ class Relief:
 
 
 def check_thickness(thickness: float, distance: float) -> None:
-    """Raise ObjectError unless a body can be so thick [m] at that distance from the camera [m]."""
+    """Raise ObjectError if a thickness [m] is not positive, or larger than the body's distance from the camera [m]."""
     if not (np.isfinite(thickness) and thickness > 0.0):
         raise ObjectError(f"The thickness {thickness} is no positive number of metres.", "Give metres behind the visible surface.")
     if thickness > distance:
         raise ObjectError(
-            f"A body {in_units(thickness, 'm')} thick, {in_units(distance, 'm')} from the camera, is no body.",
+            f"The thickness {in_units(thickness, 'm')} is more than the body's distance from the camera, {in_units(distance, 'm')}.",
             "Give metres behind the visible surface.",
         )
 
@@ -123,7 +124,7 @@ def relief_of(observation: Observation, thickness: float | None = None) -> Relie
     front, flat = _front(observation, mask)
     camera = observation.camera
     rim = ndimage.distance_transform_edt(np.pad(mask, 1))[1:-1, 1:-1] - 0.5
-    # The outline of a solid body is seen at the depth of its rim, not of its nearest point.
+    # The outline of a solid body is seen at the depth of its rim, not at that of its nearest point.
     band = mask & (rim > LEAK) & (rim < 0.05 * rim.max() + LEAK + 1.0)
     metre_per_pixel = float(np.median(front[band if band.any() else mask])) / np.sqrt(camera.fx * camera.fy)
     area, radius = float(mask.sum()) * metre_per_pixel**2, float(rim.max()) * metre_per_pixel
@@ -146,7 +147,7 @@ def relief_of(observation: Observation, thickness: float | None = None) -> Relie
         kind = "plate"
     if kind == "ball":
         near, far = sphere_depths(mask, camera)
-        # A single distance is that of the body's middle; a measured front says where the middle is, best where it faces the camera.
+        # A single distance is that of the body's middle; a measured front gives the middle best where it faces the camera.
         middle = distance if flat else float(np.median((front / near)[mask & (rim > 0.5 * rim.max())]))
         front = middle * near if flat else front
         largest = float((far - near)[mask].max()) * middle
@@ -167,13 +168,13 @@ def relief_of(observation: Observation, thickness: float | None = None) -> Relie
 
 
 def area_of(observation: Observation) -> float:
-    """m² of the object in frame 0 across the view. Raises ObjectError as `relief_of`."""
+    """Area [m²] of the object in frame 0, projected across the view. Raises ObjectError as `relief_of` does."""
     mask, camera = clean_mask(observation.masks[0]), observation.camera
     return float((_front(observation, mask)[0][mask] ** 2).sum()) / (camera.fx * camera.fy)
 
 
 def sheet_relief(observation: Observation, thickness: float) -> Relief:
-    """A thin sheet in frame 0, as thick as that [m]. Raises ObjectError as `relief_of`."""
+    """A thin sheet in frame 0 of the given thickness [m]. Raises ObjectError as `relief_of` does."""
     mask = clean_mask(observation.masks[0])
     front = _front(observation, mask)[0]
     nearest = nearest_known(mask)
@@ -182,7 +183,7 @@ def sheet_relief(observation: Observation, thickness: float) -> Relief:
 
 
 def _half(parts: Parts, pixel: float, thickness: float | None) -> np.ndarray:
-    """(H, W) half the depth [m] of a body of parts. pixel: its width [m]; thickness: that of the head, and the most of a sheet [m]."""
+    """Half the depth (H, W) [m] of a body of parts. pixel: a pixel's width [m]; thickness: the head's, and the largest of a sheet [m]."""
     half = np.maximum(parts.half(), 0.5 * THINNEST) * pixel
     if thickness is not None:
         half[parts.head] *= 0.5 * thickness / half[parts.head].max()
@@ -194,13 +195,13 @@ def _half(parts: Parts, pixel: float, thickness: float | None) -> np.ndarray:
 
 
 def sphere_depths(mask: np.ndarray, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
-    """Where the pixels' rays enter and leave the sphere with the silhouette `mask` (H, W) whose middle is at depth 1.
+    """Depths where the pixels' rays enter and leave the sphere with the silhouette `mask` (H, W) bool whose middle is at depth 1.
 
-    A sphere is seen as a circular cone of half angle alpha about the ray to its middle: the solid angle of the mask, 2 pi (1 - cos alpha),
-    and the mean direction in it give the cone, and the radius is sin(alpha) of the distance. Rays that miss take the point nearest to it.
+    A sphere is seen as a circular cone of half angle alpha about the ray to its middle. The mask's solid angle, 2 pi (1 - cos alpha), and
+    mean direction give the cone; the radius is sin(alpha) times the distance. Rays that miss the sphere take their point nearest to it.
 
     Returns:
-        depths along the view axis (H, W) of the near and the far side.
+        depths (H, W) along the view axis of the near side and of the far side.
     """
     rows, columns = np.mgrid[: mask.shape[0], : mask.shape[1]].astype(float)
     ray = np.stack([(columns - camera.cx) / camera.fx, (rows - camera.cy) / camera.fy, np.ones(mask.shape)], axis=-1)
@@ -232,19 +233,19 @@ def clean_mask(mask: np.ndarray) -> np.ndarray:
     result = kept[labels]
     if result.sum() < MIN_PIXELS:
         raise ObjectError(
-            f"The object has only {int(result.sum())} pixels in the first frame, {MIN_PIXELS} are the least.",
+            f"The object has only {int(result.sum())} pixels in the first frame; at least {MIN_PIXELS} are needed.",
             "Use a clip of higher resolution, or crop it round the object.",
         )
     return result
 
 
 def sample(image: np.ndarray, xy: np.ndarray) -> np.ndarray:
-    """Bilinear values of an image (H, W) at pixels (..., 2), clamped to the frame."""
+    """Values (...,) of an image (H, W) at pixels xy (..., 2), interpolated bilinearly and clamped to the frame."""
     return ndimage.map_coordinates(image, [xy[..., 1], xy[..., 0]], order=1, mode="nearest")
 
 
 def slant(front: np.ndarray, camera: Camera) -> np.ndarray:
-    """(H, W) 1 / cos of the angle between the surface and the frame plane, at most `MAX_SLANT`; smoothed over a few pixels."""
+    """1 / cos of the angle between the surface and the image plane, (H, W), at most `MAX_SLANT`; smoothed over a few pixels."""
     smooth = ndimage.gaussian_filter(front, 2.0)
     rise_y, rise_x = np.gradient(smooth)
     slope = np.hypot(rise_x * camera.fx / smooth, rise_y * camera.fy / smooth)
@@ -252,12 +253,12 @@ def slant(front: np.ndarray, camera: Camera) -> np.ndarray:
 
 
 def _front(observation: Observation, mask: np.ndarray) -> tuple[np.ndarray, bool]:
-    """Depth of the visible surface, holes filled, and whether it is one constant (no depth was measured)."""
+    """Depth (H, W) [m] of the visible surface with its holes filled, and whether it is constant, so that no depth was measured."""
     depth = np.asarray(observation.depth, dtype=np.float64)
     if depth.shape != mask.shape:
         raise ObjectError(f"The depth map is {depth.shape[::-1]}, the frame {mask.shape[::-1]}.", "Give a depth map of the clip's size.")
     known = mask & np.isfinite(depth) & (depth > 0.0)
-    if known.any():  # what lies far beyond all the rest is no part of the object
+    if known.any():  # depths far from all the rest are not the object's
         low, high = np.percentile(depth[known], (5.0, 95.0))
         apart = STRAY * max(high - low, 0.01 * high)
         known &= (depth > low - apart) & (depth < high + apart)
@@ -270,7 +271,7 @@ def _front(observation: Observation, mask: np.ndarray) -> tuple[np.ndarray, bool
 
 
 def _kind(mask: np.ndarray, rim: np.ndarray, front: np.ndarray, bulge: float | None, camera: Camera) -> str:
-    """ball, solid, post or plate: see the module's text. `bulge` as in `inflate`, None where no depth was measured."""
+    """The kind of body, ball, solid, post or plate: see the module's docstring. `bulge`: `Inflated`'s, None if no depth was measured."""
     xy = pixels_of(mask)
     if np.pi * rim.max() ** 2 / len(xy) > ROUND and (bulge is None or (ROUNDEST[0] < bulge < ROUNDEST[1] and _is_disc(rim, xy))):
         return "ball"
@@ -281,6 +282,6 @@ def _kind(mask: np.ndarray, rim: np.ndarray, front: np.ndarray, bulge: float | N
 
 
 def _is_disc(rim: np.ndarray, xy: np.ndarray) -> bool:
-    """Whether next to nothing of the pixels xy (P, 2) is off the inscribed circle: a lamp on a stick is no ball."""
+    """Whether hardly any of the pixels xy (P, 2) are outside the inscribed circle: a lamp on a stick is not a ball."""
     centre = np.array(np.unravel_index(int(rim.argmax()), rim.shape))[::-1]
     return bool((np.linalg.norm(xy - centre, axis=1) > OFF_CIRCLE * rim.max() + 1.0).mean() < FEW)

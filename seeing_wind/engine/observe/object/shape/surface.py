@@ -16,19 +16,19 @@ VERTICES = 900
 """About how many vertices front and back have together."""
 
 MIN_STEP = 1.5
-"""Least distance of vertices in the frame [px]."""
+"""Least distance between vertices in the frame [px]."""
 
 BIGGER = "Use a clip of higher resolution, or crop it round the object."
 
 OUTLINE_BLUR = 0.7
-"""Gaussian that takes the stairs off the mask's outline [px]."""
+"""Standard deviation of the Gaussian that smooths the staircase of the mask's outline [px]."""
 
 
 def surface_of(relief: Relief, particles_x: np.ndarray) -> Surface:
     """Mesh of the body in frame 0, normals outward, every edge shared by two triangles.
 
     Args:
-        particles_x: (N, 3) what the vertices ride on [m].
+        particles_x: (N, 3) particles that the vertices ride on [m].
 
     Raises:
         ObjectError: the silhouette is too thin to carry a triangle.
@@ -77,7 +77,7 @@ def silhouette_triangles(mask: np.ndarray, step: float) -> tuple[np.ndarray, np.
 
 
 def boundary_edges(triangles: np.ndarray) -> np.ndarray:
-    """(B, 2) directed edges of consistently oriented triangles (M, 3) that belong to one triangle only."""
+    """The directed edges (B, 2) that belong to one only of the triangles (M, 3), which are consistently oriented."""
     edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
     size = int(triangles.max(initial=0)) + 1
     key, opposite = edges[:, 0] * size + edges[:, 1], edges[:, 1] * size + edges[:, 0]
@@ -85,7 +85,7 @@ def boundary_edges(triangles: np.ndarray) -> np.ndarray:
 
 
 def without_pinches(triangles: np.ndarray) -> np.ndarray:
-    """Remove triangles until no two fans meet in a vertex alone, where the rim would not be a manifold; the larger fan stays."""
+    """Remove triangles until no two fans meet in a single vertex, where the rim would not be a manifold; the larger fan stays."""
     while len(triangles):
         starts, counts = np.unique(boundary_edges(triangles)[:, 0], return_counts=True)
         pinched = starts[counts > 1]
@@ -104,9 +104,9 @@ def without_pinches(triangles: np.ndarray) -> np.ndarray:
 
 
 def close_surface(triangles: np.ndarray, count: int) -> np.ndarray:
-    """Close a sheet of triangles (M, 3) over `count` vertices with a back, whose vertices are numbered on from `count`, and a rim.
+    """Close a sheet of triangles (M, 3) over `count` vertices with a back, whose vertices are numbered from `count`, and a rim.
 
-    The input is counter-clockwise in (x right, y down), so its normals point away from the camera: it is turned for the front.
+    The input is counter-clockwise in (x right, y down), so its normals point away from the camera: the front gets reversed triangles.
     """
     front, back = triangles[:, ::-1], triangles + count
     a, b = boundary_edges(front).T
@@ -115,7 +115,7 @@ def close_surface(triangles: np.ndarray, count: int) -> np.ndarray:
 
 
 def _outline(soft: np.ndarray, step: float) -> np.ndarray:
-    """(B, 2) points on the outlines of a soft mask, `step` apart."""
+    """Points (B, 2) [px] on the outlines of a soft mask, `step` [px] apart."""
     pieces: list[np.ndarray] = []
     lines = [np.asarray(line) for line in contourpy.contour_generator(z=soft, line_type="Separate").lines(0.5)]
     for line in lines:
@@ -129,7 +129,7 @@ def _outline(soft: np.ndarray, step: float) -> np.ndarray:
 
 
 def _fans(triangles: np.ndarray, vertex: int) -> list[list[int]]:
-    """Groups of triangles round a vertex that hang together by edges at that vertex."""
+    """Groups of triangles round a vertex that are connected through edges at that vertex."""
     fans: list[tuple[set[int], list[int]]] = []
     for number, triangle in enumerate(triangles):
         others, members = {int(v) for v in triangle if v != vertex}, [number]

@@ -1,8 +1,9 @@
-"""Which part of a moving triangle mesh every pixel shows: a depth buffer that tells where in frame 0 that part is.
+"""The part of a moving triangle mesh that every pixel shows: a depth buffer that gives that part's place in frame 0.
 
 Homogeneous rasterisation (M. Olano and T. Greer, Triangle scan conversion using 2D homogeneous coordinates, 1997): with a triangle's
-corners in the camera's axes as the columns of M, a ray d crosses it where M w = d has no negative w. Over their sum these w are the
-barycentric coordinates, and one over the sum is the depth. w is linear in the pixel, so places between pixels come for nothing.
+corners in the camera's axes as the columns of M, a ray d crosses the triangle if the solution of M w = d has no negative component. Divided
+by their sum, the components are the barycentric coordinates; one over the sum is the depth. Since w is linear in the pixel, its values
+between pixels cost nothing.
 """
 
 from __future__ import annotations
@@ -17,26 +18,26 @@ NEAR = 1e-3
 """Triangles with a corner nearer to the camera's plane than this are not drawn [m]."""
 
 EDGE_ON = 1e-9
-"""Triangles that span less than this part of the cube of their distance are seen along their plane and show nothing."""
+"""Least volume that a triangle spans with the camera, in units of its distance cubed; if less, it is seen along its plane and not drawn."""
 
 SHIFT = 0.1
-"""Pixels over which a place is differentiated: a whole one can lie beyond the horizon of a plane seen at a glance."""
+"""Step [px] over which a place is differentiated: a whole pixel can lie beyond the horizon of a plane seen at a grazing angle."""
 
 
 @dataclass(frozen=True)
 class Seen:
-    """What S pixels show of a mesh, in frame 0."""
+    """The points of a mesh that S pixels show, by their places in frame 0."""
 
     pixel: np.ndarray
     """(S, 2) int, x y."""
     place: np.ndarray
     """(S, 3) [m]."""
     right: np.ndarray
-    """(S, 3) change of that place per pixel to the right, on the same triangle [m]."""
+    """(S, 3) change of `place` per pixel to the right, on the same triangle [m]."""
     down: np.ndarray
-    """(S, 3) the same per pixel downwards [m]."""
+    """(S, 3) change of `place` per pixel downwards, on the same triangle [m]."""
     normal: np.ndarray
-    """(S, 3) outward unit normal."""
+    """(S, 3) outward unit normal in frame 0."""
 
 
 def seen_surface(vertices: np.ndarray, triangles: np.ndarray, camera: Camera, frame: int, rest: np.ndarray, mask: np.ndarray) -> Seen:
@@ -75,7 +76,8 @@ def seen_surface(vertices: np.ndarray, triangles: np.ndarray, camera: Camera, fr
 
 
 def _candidates(corners: np.ndarray, camera: Camera, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs of a triangle of `corners` (M, 3, 3), in the camera's axes, and a pixel of `mask` in its bounding box: (P,) and (P, 2)."""
+    """All pairs of a triangle of `corners` (M, 3, 3), in the camera's axes [m], and a pixel of `mask` in its bounding box: the triangles'
+    indices (P,) and the pixels x, y (P, 2)."""
     height, width = mask.shape
     xy = corners[..., :2] / corners[..., 2:] * [camera.fx, camera.fy] + [camera.cx, camera.cy]
     first = np.clip(np.ceil(xy.min(axis=1)), 0, [width, height]).astype(int)

@@ -1,8 +1,8 @@
-"""A thin sheet: what it is in frame 0, and where it goes, which the tracks and its constant lengths tell.
+"""A thin sheet: its mesh in frame 0, and its path through the clip, estimated from the tracks and its constant lengths.
 
-    mesh.py    its vertices, faces and held part    template.py  what keeps its lengths and resists folds
+    mesh.py    its vertices, faces and held part    template.py  the costs of stretching and bending
     riding.py  points that ride on it               view.py      tracks and outline, as one camera saw them
-    body.py    the whole of it                      follow.py    where it goes: shape from template
+    body.py    the whole stage                      follow.py    its path: shape from template
 """
 
 from .body import SheetBuilt, build_sheet, follow_views

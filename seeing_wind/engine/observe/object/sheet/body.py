@@ -19,25 +19,25 @@ from .mesh import SheetMesh, flatten_mesh, mesh_of
 from .riding import ride_flat
 
 FACING = 1e-6
-"""A sheet whose depths differ by less than this part was given one distance, not a depth map."""
+"""Relative difference between a sheet's depths below which a single distance was given for it, not a depth map."""
 
 
 @dataclass(frozen=True)
 class SheetBuilt:
-    """What moves: a `records.Body` of a sheet but for its look."""
+    """A sheet: a `records.Body` without its look."""
 
     mesh: SheetMesh
     sheet: Sheet
     name: str
-    """Of the material."""
+    """The material's."""
     seen: Followed
-    """Where it went, with the tracks on it."""
+    """The sheet's path, and the places of the tracks on it."""
     relief: Relief
     """Front of the object in frame 0, for `look.dress`."""
 
     @property
     def particles(self) -> Particles:
-        """The vertices, each with its share of the sheet's volume."""
+        """The vertices as particles, each with its share of the sheet's volume."""
         return Particles(self.mesh.x, self.mesh.areas() * self.sheet.thickness, self.mesh.pinned, self.mesh.spacing)
 
     def body(self, gaussians: Gaussians) -> Body:
@@ -61,31 +61,32 @@ def build_sheet(
     """Mesh and path of a sheet.
 
     Args:
-        sheet: its numbers; name: of the material; count: about how many vertices.
+        sheet: its properties; name: the material's; count: about how many vertices.
         journal: keeps the frames that were followed so far.
 
     Raises:
-        ObjectError: fewer than three frames, no object in frame 0, too few pixels or tracks, no depth on it. Cancelled: between frames.
+        ObjectError: fewer than three frames, no object in frame 0, too few pixels or tracks, or no depth on it.
+        Cancelled: between frames.
     """
     if observation.frames < 2:
         raise ObjectError(f"A sheet needs at least 3 frames; these are {observation.frames + 1}.", "Give a longer range with --frames.")
     relief = sheet_relief(observation, sheet.thickness)
     if np.ptp(relief.front[relief.mask]) < FACING * relief.front[relief.mask].max():
         progress.warn(
-            "No depth was measured: the sheet is taken to be flat and to face the camera in frame 0. Where it does not, its lengths "
-            "are wrong, and so is the wind. Give --depth, or begin where it does."
+            "No depth was measured, so the sheet is taken to be flat and to face the camera in frame 0. If it does not, its lengths are "
+            "wrong, and so is the wind. Give --depth, or begin at a frame where it does."
         )
     mesh = mesh_of(relief, observation.pin, count)
     progress.update(0.05, f"a sheet of {len(mesh.x)} vertices, {1e3 * mesh.spacing:.1f} mm apart")
     seen = follow(mesh, [sight_of(observation)], observation.fps, observation.masks, progress.part(0.05, 1.0), journal)
     _tell_blind(observation, seen.places[0], progress)
     placed = int(np.isfinite(seen.places[0][:, 0]).sum())
-    progress.update(1.0, f"{placed} tracks on the sheet, which tell where it is to {in_units(np.median(seen.sigma), 'm', 2)}")
+    progress.update(1.0, f"{placed} tracks on the sheet, which locate it to within {in_units(np.median(seen.sigma), 'm', 2)}")
     return SheetBuilt(mesh, sheet, name, seen, relief)
 
 
 def _tell_blind(observation: Observation, places: np.ndarray, progress: Progress) -> None:
-    """Warn of frames in which next to nothing on the sheet is seen; places: (K, 2) of the tracks on it, NaN for those off it."""
+    """Warn of frames in which too few points on the sheet are seen. `places`: (K, 2) [m], the tracks' places on it, NaN off it."""
     sight = sight_of(observation)
     seen = (sight.visible & np.isfinite(places[:, 0])).sum(axis=1)
     if sight.recognised is not None:
@@ -94,7 +95,7 @@ def _tell_blind(observation: Observation, places: np.ndarray, progress: Progress
     if blind.size:
         progress.warn(
             f"In {blind.size} of {len(seen)} frames, first in {frame_named(int(blind[0]))}, fewer than {FEWEST} tracked points lie on the "
-            "sheet. Where it was there is guessed, and so is the wind: leave these frames out with --frames, or give --tracks of your own."
+            "sheet. Its path is guessed there, and so is the wind: leave these frames out with --frames, or give --tracks of your own."
         )
 
 
@@ -107,7 +108,7 @@ def sight_of(observation: Observation) -> Sight:
 def follow_views(
     observation: Observation, body: Body, targets: Sequence[TrackTargets], progress: Progress = NoProgress(), journal: Journal = Journal()
 ) -> Body:
-    """The body of a sheet with the path that all views together tell.
+    """The body of a sheet with its path estimated from all views together. Raises as `follow` does.
 
     Args:
         observation: the first view; targets: of the first view, then of further ones.

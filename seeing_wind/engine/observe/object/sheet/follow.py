@@ -1,13 +1,13 @@
-"""Where a sheet goes: shape from template. Tracks say in which direction a point is, and lengths that stay say how far away.
+"""The path of a sheet: shape from template. Tracks give the direction of a point, and the sheet's constant lengths give its distance.
 
 Frame by frame, starting from the straight continuation of the motion, the vertices minimise
 
-    sum_k rho(|pi(x(k)) - p_k| / sigma_k)² + (px off the outline, and px that the sheet falls short of it)²
+    sum_k rho(|pi(x(k)) - p_k| / sigma_k)² + (px outside the outline, and px by which the sheet falls short of it)²
         + strains² + bends² + (second difference in time)²
 
-over tracks and recognised points k, with Gauss-Newton steps, damped as Levenberg and Marquardt do. Once every frame is there, each is
-solved again between its neighbours. The problem is known as shape from template (Bartoli et al., Shape-from-Template, PAMI 2015); where
-the sheet is seen exactly from the front, whether it bends towards the camera or away is told by perspective and by the motion only.
+over tracks and recognised points k, with Gauss-Newton steps and Levenberg-Marquardt damping. Once all frames have been solved, each is
+solved again between its neighbours. The problem is known as shape from template (Bartoli et al., Shape-from-Template, PAMI 2015). Where
+the sheet is seen exactly from the front, only perspective and motion decide whether it bends towards the camera or away from it.
 """
 
 from __future__ import annotations
@@ -32,62 +32,62 @@ from .template import CURVED, LEAST_CURVED, Template
 from .view import OUTLIER, View
 
 HELD = 1e-3
-"""Standard deviation of where a held vertex is, relative to the mean edge."""
+"""Standard deviation of a held vertex from its place, in units of the mean edge."""
 SWIFT = 60.0
-"""m/s², of the acceleration while the motion before a frame is all that is known: a gale on light cloth makes as much."""
+"""Standard deviation of the acceleration [m/s²] while only the motion before a frame is known: what a gale does to light cloth."""
 SLOWEST = 1.0
-"""m/s², the least that the motion found makes of it afterwards."""
+"""Least standard deviation of the acceleration [m/s²] once it is estimated from the path."""
 SWEEPS = 2
-"""Solves of every frame between its neighbours."""
+"""How often every frame is solved between its neighbours."""
 STEPS = 30
-"""Gauss-Newton's in a frame at most."""
+"""Largest number of Gauss-Newton steps in a frame."""
 FAR, NARROWED = 0.99, 0.6
-"""Part of the tracks that are no outliers at a frame's start, and what is an outlier becomes this much smaller in each step: a corner that
-comes out from behind a fold far from where it was looked for is drawn there (graduated non-convexity, Blake and Zisserman 1987)."""
+"""Fraction of the tracks within the outlier threshold at a frame's start, and the factor by which it shrinks in each step, so that a corner
+which appears from behind a fold, far from its expected place, is pulled in (graduated non-convexity, Blake and Zisserman 1987)."""
 DAMPING = (1e-4, 1.0)
-"""Levenberg's, least and most, in units of the Hessian's mean diagonal."""
+"""Least and largest Levenberg damping, in units of the Hessian's mean diagonal."""
 SETTLED = 3e-3
-"""They end when the cost falls by less than this part."""
+"""Relative decrease of the cost below which the steps end."""
 FEWEST = 8
-"""Tracks on the sheet in frame 0."""
+"""Least number of tracks on the sheet in frame 0."""
 PROBES = 24
-"""Random vectors for the result's uncertainty."""
+"""Number of random vectors that estimate the uncertainty."""
 LEARNT, CURVATURE = 8, 0.2
-"""Solves of a frame at its first time, at most, while the curvature that they find changes by more than this part."""
+"""A new frame is solved at most LEARNT times, as long as the logarithm of its estimated curvature changes by more than CURVATURE."""
 MODES = 30
-"""R at most, of the errors in which vertices share: twice as many as the balance of forces looks at."""
+"""Largest number R of modes of the errors that vertices share: twice as many as the balance of forces uses."""
 
 
 @dataclass(frozen=True)
 class Followed:
-    """A sheet's path, and how well it is known."""
+    """A sheet's path and its uncertainty."""
 
     path: np.ndarray
-    """(T+1, V, 3) of the vertices [m]."""
+    """(T+1, V, 3) vertices [m]."""
     sigma: np.ndarray
-    """(T+1, V) standard deviation of a coordinate [m]."""
+    """(T+1, V) standard deviation of a vertex's coordinates [m]."""
     measured: Measured
     places: list[np.ndarray]
-    """Per view, those (K, 2) of its tracks on the sheet laid flat [m], NaN for tracks off the sheet."""
+    """Per view, the places (K, 2) of its tracks on the sheet laid flat [m], NaN for tracks off the sheet."""
 
 
 @dataclass(frozen=True)
 class _Continued:
-    """What the motion says of a frame's vertices."""
+    """The Gaussian prior that the motion gives a frame's vertices."""
 
     x: np.ndarray
-    """(V, 3) where they are likely [m]."""
+    """(V, 3) mean [m]."""
     precision: csr_matrix
     """(3V, 3V) [1/m²]."""
 
     def cost(self, x: np.ndarray) -> float:
-        """Half the square of how unlikely vertices at x (V, 3) [m] are."""
+        """Negative log probability of vertices at x (V, 3) [m], up to a constant."""
         off = (x - self.x).ravel()
         return 0.5 * float(off @ (self.precision @ off))
 
 
 class Follower:
-    """A sheet and what cameras saw of it in T+1 frames."""
+    """Solves for a sheet's vertices, frame by frame, from what the cameras saw of it in T+1 frames."""
 
     def __init__(self, mesh: SheetMesh, views: Sequence[View], fps: float) -> None:
         self.mesh, self.views, self.fps = mesh, views, fps
@@ -98,12 +98,12 @@ class Follower:
         self._held, self._identity = csr_matrix((held, (np.arange(held.size),) * 2)), identity(held.size, format="csr")
 
     def ahead(self, path: np.ndarray) -> _Continued:
-        """From the frames (t, V, 3) before."""
+        """The prior of frame t from the path (t, V, 3) [m] before it."""
         straight = path[-1] if len(path) == 1 else 2.0 * path[-1] - path[-2]
         return self._continued(len(path), straight, (self.fps**2 / SWIFT) ** 2)
 
     def begun(self, frame: int, path: np.ndarray) -> np.ndarray:
-        """Vertices (V, 3) [m] of a frame from those of all before, as curved as it turns out to be."""
+        """Vertices (V, 3) [m] of a new frame, starting from the path (t, V, 3) before it; its curvature is learnt along with them."""
         self.curved[frame] = self.curved[frame - 1]
         motion = self.ahead(path)
         x = motion.x
@@ -115,7 +115,7 @@ class Follower:
         return x
 
     def between(self, path: np.ndarray, frame: int, acceleration: float) -> _Continued:
-        """From the frames round a frame of the path (T+1, V, 3), whose second differences make so much in each direction [m/s²]."""
+        """The prior of a frame from the others of the path (T+1, V, 3) [m]; acceleration: standard deviation of a component [m/s²]."""
         last = len(path) - 1
         total, weight = np.zeros_like(path[0]), 0.0
         for middle in (frame - 1, frame, frame + 1):
@@ -127,11 +127,11 @@ class Follower:
         return self._continued(frame, total / weight, weight * (self.fps**2 / acceleration) ** 2)
 
     def _continued(self, frame: int, x: np.ndarray, precision: float) -> _Continued:
-        """Near x, and bent as there but for as much as it may be bent at all: what no camera sees keeps its shape."""
+        """The prior round x (V, 3) [m] with that precision [1/m²] of a coordinate, and round x's bends: unseen parts keep their shape."""
         return _Continued(x, precision * self._identity + self.template.bends / self.curved[frame] ** 2)
 
     def solved(self, frame: int, start: np.ndarray, motion: _Continued) -> np.ndarray:
-        """Vertices (V, 3) of a frame [m] from a start."""
+        """Vertices (V, 3) [m] of a frame that minimise the cost, from the start (V, 3)."""
         x, damping, wide = start, 0.0, self._widest(frame, start)
         for _ in range(STEPS):
             scale, wide = max(wide, self._outlier(frame, x)), NARROWED * wide
@@ -152,11 +152,11 @@ class Follower:
         return x
 
     def learn_curvature(self, frame: int, x: np.ndarray, motion: _Continued) -> float:
-        """Take the sheet to be as curved in a frame as its solution x (V, 3) [m] is, with what is not known of it, and return by what
-        factor that differs from before.
+        """Set a frame's curvature from its solution x (V, 3) [m] and the uncertainty of that; return the new curvature over the old one.
 
-        What noise alone would bend a sheet by makes it seem shorter, and so nearer to the camera. A step of expectation maximisation: the
-        mean square of the bends is that of the solution and, by random signs, of its uncertainty.
+        If the curvature were left too large, noise would crumple the sheet, which then seems shorter, and so nearer to the camera. This is
+        a step of expectation maximisation: the mean square of the bends is that of the solution plus, estimated with random signs, that of
+        its uncertainty.
         """
         bends, before, signs = self.template.bends, self.curved[frame], _signs(frame, x.size)
         hessian = self._linearised(frame, x, motion, self._outlier(frame, x))[0]
@@ -179,10 +179,10 @@ class Follower:
         return np.sqrt(np.maximum(around, 0.0))
 
     def measured(self, path: np.ndarray) -> Measured:
-        """What the frames of a path (T+1, V, 3) [m] say by themselves: each solved for once more, hardly tied to its neighbours.
+        """What each frame of a path (T+1, V, 3) [m] determines by itself: its solution with next to no tie to its neighbours.
 
-        A motion that is taken to be smooth is wrong where a frame tells little, such as how far away a sheet is that is seen from its
-        edge. Neighbours share such an error, and as an acceleration it is taken for a gust.
+        Smoothing the motion is biased where a frame determines little, such as the distance of a sheet seen edge-on. Neighbouring frames
+        share such an error, and the acceleration that it implies would be taken for a gust.
         """
         areas, count = self.mesh.areas(), min(MODES, len(self.mesh.x))
         modes = eigh(self.template.bends[::3, ::3].toarray(), np.diag(areas), subset_by_index=(0, count - 1))[1]
@@ -201,17 +201,17 @@ class Follower:
         return sum(view.cost(frame, x, scale) for view in self.views) + self.template.cost(x, self.curved[frame]) + motion.cost(x) + held
 
     def _outlier(self, frame: int, x: np.ndarray) -> float:
-        """Standard deviations from which a track is an outlier."""
+        """The residual from which a track is an outlier [standard deviations]."""
         missed = np.concatenate([view.missed(frame, x) for view in self.views])
         return max(OUTLIER, 2.0 * float(np.median(missed)) if missed.size else 0.0)
 
     def _widest(self, frame: int, x: np.ndarray) -> float:
-        """The same at a start, where many may be missed by far as the sheet is not yet where it is: nearly none is an outlier there."""
+        """The same at a start, where the sheet is not yet in its place and many residuals may be large: hardly any track is an outlier."""
         missed = np.concatenate([view.missed(frame, x) for view in self.views])
         return float(np.quantile(missed, FAR)) if missed.size else OUTLIER
 
     def _linearised(self, frame: int, x: np.ndarray, motion: _Continued, scale: float) -> tuple[csr_matrix, np.ndarray]:
-        """Hessian (3V, 3V), Gauss-Newton's, and gradient (3V,) of the cost."""
+        """Gauss-Newton Hessian (3V, 3V) and gradient (3V,) of the cost."""
         hessian, gradient = self.template.linearise(x, self.curved[frame])
         hessian, gradient = hessian + self._held, gradient + self._held @ (x - self.mesh.x).ravel()
         for view in self.views:
@@ -228,14 +228,14 @@ def follow(
     progress: Progress = NoProgress(),
     journal: Journal = Journal(),
 ) -> Followed:
-    """The path of a sheet whose frame 0 is that of its mesh, as one or several cameras saw it in at least three frames.
+    """The path of a sheet that begins with its mesh in frame 0, as one or several cameras saw it in at least three frames.
 
     Args:
         masks: the sheet in the first view's frames, if known.
         journal: keeps the frames that are done.
 
     Raises:
-        ObjectError: too few tracks on the sheet, or one that is lost. Cancelled: between frames.
+        ObjectError: too few tracks on the sheet, or the sheet is lost in a frame. Cancelled: between frames.
     """
     views = [View(mesh, sight, None if number else masks) for number, sight in enumerate(sights)]
     follower, frames = Follower(mesh, views, fps), len(sights[0].xy)
@@ -285,16 +285,16 @@ def _require_tracks(views: Sequence[View]) -> None:
 
 
 def _acceleration(path: np.ndarray, fps: float) -> float:
-    """Root mean square of a component of the second differences [m/s²]."""
+    """Root mean square of the components of a path's (T+1, V, 3) acceleration [m/s²], from second differences."""
     return float(np.sqrt((np.diff(path, 2, axis=0) ** 2).mean())) * fps**2
 
 
 def _signs(frame: int, size: int) -> np.ndarray:
-    """(size, PROBES) random signs, the same whenever a frame is looked at."""
+    """(size, PROBES) random signs, always the same for a frame."""
     return np.random.default_rng(frame).choice([-1.0, 1.0], (size, PROBES))
 
 
 def _solve(matrix: csr_matrix, right: np.ndarray) -> np.ndarray:
-    """Of a symmetric positive definite system."""
+    """The solution of a symmetric positive definite system."""
     factor = splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
     return factor.solve(right)

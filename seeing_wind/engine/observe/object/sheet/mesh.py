@@ -13,7 +13,7 @@ from ..shape.relief import Relief
 from ..shape.surface import MIN_STEP, silhouette_triangles
 
 FLAT = 0.02
-"""A mesh that leaves its plane by less than this part of its size, root mean square, is flat as it is."""
+"""Root mean square distance of a mesh from its plane, in units of its size, below which it counts as flat."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class SheetMesh:
     xy: np.ndarray
     """(V, 2) in frame 0 [px]."""
     flat: np.ndarray
-    """(V, 2) the mesh laid flat [m]: lengths along its edges are kept as well as they can be."""
+    """(V, 2) the mesh laid flat [m], with the lengths of its edges kept as well as possible."""
     pinned: np.ndarray
     """(V,) bool."""
 
@@ -38,14 +38,14 @@ class SheetMesh:
         return float(np.linalg.norm(self.x[a] - self.x[b], axis=1).mean())
 
     def areas(self) -> np.ndarray:
-        """(V,) each vertex's third of the faces round it [m²]."""
+        """(V,) area of each vertex [m²], a third of the faces round it."""
         a, b, c = self.x[self.faces].swapaxes(0, 1)
         area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
         return np.bincount(self.faces.ravel(), np.repeat(area / 3.0, 3), len(self.x))
 
 
 def mesh_of(relief: Relief, held: np.ndarray, count: int) -> SheetMesh:
-    """About `count` vertices on the front of a relief; held: (H, W) bool, painted as held.
+    """A mesh of about `count` vertices on the front of a relief; held: (H, W) bool, the part painted as held.
 
     Raises:
         ObjectError: a silhouette too small or too thin to carry a triangle.
@@ -62,13 +62,14 @@ def mesh_of(relief: Relief, held: np.ndarray, count: int) -> SheetMesh:
 
 
 def edges_of(faces: np.ndarray) -> np.ndarray:
-    """(E, 2) every edge once."""
+    """The vertices (E, 2) of every edge, each edge once."""
     sides = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     return np.unique(np.sort(sides, axis=1), axis=0)
 
 
 def flatten_mesh(x: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """(V, 2) a mesh in a plane with the lengths of its edges, least squares: what a developable surface is before it is bent [m]."""
+    """The mesh x (V, 3) [m] laid flat, (V, 2) [m], with the lengths of its edges kept in the least-squares sense; exact for a developable
+    surface."""
     centre = x.mean(axis=0)
     spread, axes = np.linalg.svd(x - centre, full_matrices=False)[1:]
     start = (x - centre) @ axes[:2].T

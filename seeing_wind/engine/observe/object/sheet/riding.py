@@ -1,7 +1,7 @@
 """Points that ride on a bent sheet: quadratic moving least squares over the sheet laid flat.
 
-Weights that reproduce affine motions only, as of solids (`motion.control`), put a point inside every bend: between vertices 2 cm apart
-they miss a bend of 5 cm radius by millimetres, which is more than a pixel.
+Weights that only reproduce affine motions, as for solids (`motion.control`), put a point on the inner side of every bend: between vertices
+2 cm apart they miss a bend of 5 cm radius by millimetres, which is more than a pixel.
 """
 
 from __future__ import annotations
@@ -13,15 +13,15 @@ from ....records import Attachment
 from ..motion.control import kernel_of
 
 NEIGHBOURS = 14
-"""Vertices that carry a point; a quadratic in the plane has six coefficients."""
+"""Number of vertices that carry a point; a quadratic in the plane has six coefficients."""
 REGULAR = 1e-6
-"""Relative to the size of the normal equations, for vertices that lie on a conic."""
+"""Regularisation relative to the trace of the normal equations, which are singular if the vertices lie on a conic."""
 
 
 def ride_flat(points: np.ndarray, flat: np.ndarray) -> Attachment:
     """Attach points (K, 2) to vertices (V, 2), both in the plane of the sheet laid flat [m].
 
-    Rows sum to one, and any quadratic in the plane is reproduced exactly. (Lancaster and Salkauskas, Math. Comp. 37, 1981.)
+    Each point's weights sum to one, and any quadratic in the plane is reproduced (Lancaster and Salkauskas, Math. Comp. 37, 1981).
     """
     count = min(NEIGHBOURS, len(flat))
     distance, index = cKDTree(flat).query(points, k=count)

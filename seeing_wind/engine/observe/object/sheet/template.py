@@ -1,7 +1,7 @@
-"""What is known of a sheet's shape whatever moves it: its edges keep their lengths, and it has no sharp folds.
+"""The prior of a sheet's shape, whatever moves it: its edges keep their lengths, and it has no sharp folds.
 
-Both as squares of errors in units of their standard deviations. The bend of two neighbouring faces is the linear one of Bergou et al.
-(A quadratic bending model for inextensible surfaces, SGP 2006), so its Hessian is constant.
+Both enter as squared errors in units of their standard deviations. The bend between two neighbouring faces is linear in the vertices
+(Bergou et al., A quadratic bending model for inextensible surfaces, SGP 2006), so its Hessian is constant.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ from scipy.sparse import coo_matrix, csr_matrix, kron
 from .mesh import SheetMesh, edges_of
 
 STRAIN = 0.003
-"""Standard deviation of an edge's strain: threads hardly stretch. Along the bias cloth gives way by more."""
+"""Standard deviation of an edge's strain: threads hardly stretch. Along the bias, cloth stretches more."""
 CURVED, LEAST_CURVED = 15.0, 0.3
-"""Standard deviation of the curvature, times the sheet's size (the root of its area): a handful of folds across it, taken before any is
-seen, and the least that a sheet is taken to have, as none is a plane."""
+"""Standard deviation of the curvature, times the sheet's size (the root of its area): CURVED is assumed at first and allows a handful of
+folds; LEAST_CURVED is the least that is estimated, as no sheet is a plane."""
 
 
 class Template:
@@ -32,11 +32,11 @@ class Template:
         self._where = (np.repeat(columns, 6, axis=1).ravel(), np.tile(columns, 6).ravel())
 
     def cost(self, x: np.ndarray, curved: float) -> float:
-        """Half the sum of squares at vertices x (V, 3) [m]; curved: standard deviation of the curvature, times the size."""
+        """Half the sum of squares for vertices at x (V, 3) [m]; curved: standard deviation of the curvature, times the sheet's size."""
         return 0.5 * float((self._strains(x)[0] ** 2).sum() + x.ravel() @ (self.bends @ x.ravel()) / curved**2)
 
     def linearise(self, x: np.ndarray, curved: float) -> tuple[csr_matrix, np.ndarray]:
-        """Hessian (3V, 3V), Gauss-Newton's, and gradient (3V,) at vertices x (V, 3) [m]; curved as in `cost`."""
+        """Gauss-Newton Hessian (3V, 3V) and gradient (3V,) for vertices at x (V, 3) [m]; curved as in `cost`."""
         strain, slope = self._strains(x)
         blocks = slope[:, :, None] * slope[:, None, :]
         gradient = np.zeros(x.size)
@@ -46,7 +46,7 @@ class Template:
         return stretch + bending, gradient + bending @ x.ravel()
 
     def _strains(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(E,) in standard deviations, and (E, 6) how they change with an edge's two ends."""
+        """Strains (E,) of the edges in standard deviations, and their derivatives (E, 6) by the two ends of each edge."""
         apart = x[self.edges[:, 0]] - x[self.edges[:, 1]]
         length = np.linalg.norm(apart, axis=1)
         slope = apart / (length * self._lengths * STRAIN)[:, None]
@@ -61,7 +61,7 @@ class Template:
         three, four = _cotangent(-side, c - b), _cotangent(-side, d - b)
         length = np.linalg.norm(side, axis=1)
         area = 0.5 * (np.linalg.norm(np.cross(side, c - a), axis=1) + np.linalg.norm(np.cross(side, d - a), axis=1))
-        allowed = (2.0 / 3.0) * area / (length * self._size)  # of an angle: the curvature times the way between the faces' centres
+        allowed = (2.0 / 3.0) * area / (length * self._size)  # sigma of an angle: curvature times the distance of the faces' centres
         weight = np.stack([three + four, one + two, -one - three, -two - four], axis=1) / (length * allowed)[:, None]
         rows = np.repeat(np.arange(len(self.hinges)), 4)
         bends = csr_matrix((weight.ravel(), (rows, self.hinges.ravel())), (len(self.hinges), len(self.rest)))
@@ -69,7 +69,7 @@ class Template:
 
 
 def hinges_of(faces: np.ndarray) -> np.ndarray:
-    """(H, 4) the ends of every edge that two faces share, and the corner of either face across it."""
+    """For every edge that two faces share, the vertices (H, 4): its two ends, and the opposite corner of each face."""
     sides = np.concatenate([faces[:, [0, 1, 2]], faces[:, [1, 2, 0]], faces[:, [2, 0, 1]]])
     ends = np.sort(sides[:, :2], axis=1)
     order = np.lexsort(ends.T)

@@ -1,4 +1,4 @@
-"""What one camera saw of a sheet: where its tracked and recognised points are, and an outline that it fills."""
+"""What one camera saw of a sheet: the places of its tracked and recognised points, and the outline that it fills."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from .mesh import SheetMesh
 from .riding import ride_flat
 
 FINEST, TIED, RECOGNISED = 0.1, 0.5, 0.5
-"""px: least standard deviation of a track, that of where on the sheet one is that begins after frame 0, and that of a point that was
-recognised."""
+"""Standard deviations [px]: the least of a track, that of the place on the sheet of a track which begins after frame 0, and that of a
+recognised point."""
 OUTLIER = 3.0
-"""Standard deviations from which a track counts less and less (Cauchy's weights): it may slide where the sheet folds. Larger while all
-tracks are missed by more."""
+"""Residual [standard deviations] from which a track counts less and less (Cauchy weights), as it may slide where the sheet folds. The
+threshold is larger while all residuals are."""
 LEAVES, OUTLINE = 1.0, 2.0
-"""px that a vertex may leave the outline for nothing, and the standard deviation of how far it is beyond that."""
+"""Distance [px] outside the outline up to which a vertex costs nothing, and the standard deviation of the distance beyond that [px]."""
 BARE, RIM = 3.0, 4
-"""px that the sheet may fall short of the outline for nothing, and of how many points of the outline one is looked at."""
+"""Distance [px] up to which falling short of the outline costs nothing; and one in RIM points of the outline is used."""
 OUTLINE_PIXELS = 4e5
-"""Outlines are looked at in frames of no more pixels."""
+"""Largest number of pixels of the masks from which outlines are taken; larger masks are subsampled."""
 
 
 @dataclass(frozen=True)
@@ -41,11 +41,11 @@ class _Recognised:
     xy: np.ndarray
     """(M, 2) [px]."""
     ride: csr_matrix
-    """(M, V): vertices to the points."""
+    """(M, V): matrix from the vertices to the points."""
 
     @staticmethod
     def of(mesh: SheetMesh, sight: Sight) -> _Recognised:
-        """Those that lie on the sheet in frame 0."""
+        """The recognised points of `sight` that lie on the sheet in frame 0."""
         found = sight.recognised
         if found is None or not len(found.frame):
             return _Recognised(np.zeros(0, int), np.zeros((0, 2)), csr_matrix((0, len(mesh.x))))
@@ -56,23 +56,23 @@ class _Recognised:
         return _Recognised(found.frame[on], found.xy[on], ride[which[on]])
 
     def of_frame(self, frame: int) -> slice:
-        """Which of them are in a frame."""
+        """The slice of the points that were recognised in a frame."""
         return slice(*np.searchsorted(self.frame, [frame, frame + 1]))
 
 
 class View:
-    """Of T+1 frames."""
+    """One camera's view of the sheet in T+1 frames, and the cost of missing what it saw."""
 
     def __init__(self, mesh: SheetMesh, sight: Sight, masks: Masks | None = None) -> None:
         self.sight, self._mesh, self._masks = sight, mesh, masks
         self.places = np.full((sight.xy.shape[1], 2), np.nan)
-        """(K, 2) where its tracked points are on the sheet laid flat [m], NaN where that is not known."""
+        """(K, 2) places of the tracked points on the sheet laid flat [m], NaN where unknown."""
         self._ride = csr_matrix((len(self.places), len(mesh.x)))
         self._recognised = _Recognised.of(mesh, sight)
         self._outside: tuple[int, np.ndarray] = (-1, np.zeros((1, 1)))
 
     def place(self, frame: int, x: np.ndarray) -> None:
-        """Give the tracks that are first visible in this frame, with the vertices at x (V, 3) [m], their places on the sheet."""
+        """Place the tracks that are first visible in this frame on the sheet, whose vertices are at x (V, 3) [m]."""
         one, places = self.sight, self.places.copy()
         first = one.visible[frame] & ~one.visible[:frame].any(axis=0)
         begun = np.flatnonzero(first & np.isfinite(one.xy[frame]).all(axis=1))
@@ -81,21 +81,21 @@ class View:
             self.put(places)
 
     def put(self, places: np.ndarray) -> None:
-        """Take the tracks' places (K, 2) as they are."""
+        """Set the tracks' places (K, 2) on the sheet laid flat [m]."""
         self._ride, self.places = _ride(self._mesh, places), places
 
     def missed(self, frame: int, x: np.ndarray) -> np.ndarray:
-        """(M,) by how many standard deviations the tracks are missed that are visible in the frame."""
+        """Residuals (M,) of the tracks and recognised points that are visible in the frame [standard deviations]."""
         return self._tracks(frame, x)[0]
 
     def cost(self, frame: int, x: np.ndarray, scale: float) -> float:
-        """Of vertices at x (V, 3) [m], where tracks are outliers from `scale` standard deviations on."""
+        """The cost of vertices at x (V, 3) [m]; scale: residual from which a track is an outlier [standard deviations]."""
         missed, beyond, bare = self.missed(frame, x), self._beyond(frame, x)[0], np.linalg.norm(self._bare(frame, x)[0], axis=1)
         parts = ((scale, missed), (OUTLIER, beyond), (scale, bare))
         return 0.5 * sum(size**2 * float(np.log1p((one / size) ** 2).sum()) for size, one in parts)
 
     def linearise(self, frame: int, x: np.ndarray, scale: float) -> tuple[csr_matrix, np.ndarray]:
-        """Hessian (3V, 3V), Gauss-Newton's, and gradient (3V,) of the cost."""
+        """Gauss-Newton Hessian (3V, 3V) and gradient (3V,) of the cost."""
         missed, off, rows = self._tracks(frame, x)
         weights = np.repeat(1.0 / (1.0 + (missed / scale) ** 2), 2)
         beyond, slope = self._beyond(frame, x)
@@ -107,7 +107,8 @@ class View:
         return hessian + pull.T @ pull.multiply(firm[:, None]).tocsr(), gradient + pull.T @ (firm * short.ravel())
 
     def _tracks(self, frame: int, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, csr_matrix]:
-        """Of the M tracks that count in a frame: how far off (M,), the same in x and y (2M,), in standard deviations, and its slope."""
+        """Residuals of the M points used in a frame [standard deviations]: their lengths (M,), their x and y (2M,), and the derivative of
+        these by the vertices (2M, 3V)."""
         one = self.sight
         seen = np.flatnonzero(one.visible[frame] & np.isfinite(self.places[:, 0]) & np.isfinite(one.xy[frame]).all(axis=1))
         sigma = np.hypot(np.maximum(one.sigma[frame, seen], FINEST), np.where(one.visible[0, seen], 0.0, TIED))
@@ -121,7 +122,8 @@ class View:
         return np.linalg.norm(off, axis=1), off.ravel(), _spread(ride, slope)
 
     def _beyond(self, frame: int, x: np.ndarray) -> tuple[np.ndarray, csr_matrix]:
-        """How far vertices are off the outline (B,), in standard deviations, and its slope; none where no outline is known."""
+        """How far vertices lie outside the outline (B,) [standard deviations], and the derivative by the vertices (B, 3V); B = 0 without
+        masks."""
         if self._masks is None:
             return np.zeros(0), csr_matrix((0, x.size))
         stride, away = self._distances(frame)
@@ -142,7 +144,8 @@ class View:
         return (value[off] * stride - LEAVES) / OUTLINE, spread
 
     def _bare(self, frame: int, x: np.ndarray) -> tuple[np.ndarray, csr_matrix]:
-        """How far the sheet falls short of points of the outline (B, 2), in standard deviations, and its slope (2B, 3V)."""
+        """By how much the sheet falls short of B points of the outline (B, 2) [standard deviations], and the derivative (2B, 3V); B = 0
+        without masks."""
         if self._masks is None:
             return np.zeros((0, 2)), csr_matrix((0, x.size))
         stride, away = self._distances(frame)
@@ -165,7 +168,7 @@ class View:
         return short, _spread(csr_matrix((np.ones(len(vertex)), (each, vertex)), (len(vertex), len(x))), slope)
 
     def _rim(self, frame: int, stride: int) -> np.ndarray:
-        """(B, 2) points of the outline that are not at the frame's border, in units of the stride."""
+        """Points (B, 2) of the outline that are not at the frame's border, in pixels of the subsampled mask."""
         assert self._masks is not None
         mask = self._masks[frame][::stride, ::stride].astype(np.uint8)
         points = _outline_of(mask)[::RIM]
@@ -173,29 +176,30 @@ class View:
         return points[((points > 1) & (points < [width - 2, height - 2])).all(axis=1)]
 
     def _distances(self, frame: int) -> tuple[int, np.ndarray]:
-        """How many pixels are taken as one, and (H', W') how many of these a place is off the outline; the last frame's are kept."""
+        """The stride at which masks are subsampled, and the distance (H', W') of every pixel from the subsampled mask, in its pixels. The
+        last frame's are cached."""
         assert self._masks is not None
         stride = max(1, math.ceil(math.sqrt(self._masks.height * self._masks.width / OUTLINE_PIXELS)))
         if self._outside[0] != frame:
             mask = self._masks[frame][::stride, ::stride]
-            away = ndimage.distance_transform_edt(~mask) if mask.any() else np.zeros(mask.shape)  # hidden: anything may be
+            away = ndimage.distance_transform_edt(~mask) if mask.any() else np.zeros(mask.shape)  # hidden: no outline to leave
             self._outside = (frame, away)
         return stride, self._outside[1]
 
 
 def _outline_of(mask: np.ndarray) -> np.ndarray:
-    """(B, 2) pixels, column and row, of the outer borders of a mask (H, W) uint8."""
+    """The pixels (B, 2), column and row, of the outer borders of a mask (H, W) uint8."""
     borders = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0]
     return np.concatenate([np.zeros((0, 2), int), *(one[:, 0] for one in borders)])
 
 
 def _places(mesh: SheetMesh, camera: Camera, xy: np.ndarray, frame: int, x: np.ndarray) -> np.ndarray:
-    """Where on the sheet laid flat (K, 2) [m] points (K, 2) [px] of a frame are, its vertices at x (V, 3) [m]; NaN off the sheet."""
+    """Places (K, 2) on the sheet laid flat [m] of points xy (K, 2) [px] in a frame with the vertices at x (V, 3) [m]; NaN off the sheet."""
     return surface_points(x, mesh.faces, camera, xy, frame, np.column_stack([mesh.flat, np.zeros(len(x))]))[0][:, :2]
 
 
 def _ride(mesh: SheetMesh, places: np.ndarray) -> csr_matrix:
-    """(K, V): vertices to the points at places (K, 2) of the sheet laid flat [m]; rows of those that are NaN are empty."""
+    """Matrix (K, V) from the vertices to the points at `places` (K, 2) of the sheet laid flat [m]; rows of NaN places are empty."""
     known = np.flatnonzero(np.isfinite(places[:, 0]))
     riding = ride_flat(places[known], mesh.flat)
     rows = np.repeat(known, riding.index.shape[1])
@@ -203,7 +207,7 @@ def _ride(mesh: SheetMesh, places: np.ndarray) -> csr_matrix:
 
 
 def _spread(ride: csr_matrix, slope: np.ndarray) -> csr_matrix:
-    """(2M, 3V) derivative of the pixels (M, 2) by the vertices."""
+    """Derivative (2M, 3V) of M pixels by the vertices, from `ride` (M, V) and the projection's `slope` (M, 2, 3)."""
     entries = ride.tocoo()
     values = entries.data[:, None, None] * slope[entries.row]
     rows = 2 * entries.row[:, None, None] + np.arange(2)[:, None] + np.zeros(3, int)
