@@ -26,19 +26,20 @@ from .tracks.reseed import Generations
 from .tracks.tracker import ENOUGH, find_corners
 
 FEW_PATCHES = 900
-"""Pixels (three tracking patches) below which a body's corners are nearly one and the same patch: losing some, all go."""
+"""Area [px] (three tracking patches) below which all corners of a body share nearly one patch: when some are lost, all are."""
 
 SEEN_AT_ALL, COMING_BACK = 0.5, 0.5
-"""Corners seen in less than the first part of the clip's first half, of which more than the second part of those lost come back, are
-flickers of something see-through, shiny or blurred. On a body that turns, what is lost stays lost for half a turn."""
+"""Corners are flicker of something see-through, shiny or blurred if, in the clip's first half, they are visible for a smaller fraction of
+the time than SEEN_AT_ALL, and more than the fraction COMING_BACK of the losses is followed by a return. On a body that turns, lost corners
+stay lost for half a turn."""
 
 SILHOUETTE = 0.02
-"""A turning body's silhouette has its centroid off the body's own by about this part of its size."""
+"""Distance between the centroid of a turning body's silhouette and the body's own, in units of its size."""
 
 
 @dataclass(frozen=True)
 class Tracks:
-    """Of K points through T+1 frames; the fields are those of `records.Observation`."""
+    """Tracks of K points through T+1 frames; the fields are those of `records.Observation`."""
 
     xy: np.ndarray
     visible: np.ndarray
@@ -48,7 +49,12 @@ class Tracks:
 
 
 def follow(clip: Clip, outline: Outline, lens: Lens, progress: Progress, journal: Journal) -> tuple[Masks, Tracks]:
-    """Masks (T+1, H, W) and tracks, in one pass over the clip, or two where the body's silhouette has to serve as a track."""
+    """Masks (T+1, H, W) and tracks of the object, in one pass over the clip, or two if its silhouette has to serve as a track.
+
+    Raises:
+        ObjectError: the object is lost right after frame 0. UsageError: a tracks file that cannot be used.
+        ModelError, MissingPackage: a network that cannot be used.
+    """
     frames, settings, mask, outlines = clip.frames, outline.settings, outline.mask, outline.corrected
     given: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
     if settings.tracks:
@@ -57,7 +63,7 @@ def follow(clip: Clip, outline: Outline, lens: Lens, progress: Progress, journal
     elif settings.track_model:
         given = network_tracks(settings.track_model, frames, mask, progress)
     corners = find_corners(frames[0], mask) if given is None else np.zeros((0, 2))
-    # A body of a few patches or corners is followed by its silhouette where they are lost: new ones would be as few.
+    # A body of a few patches or corners is followed by its silhouette once they are lost: new corners would be as few.
     reseed = len(corners) >= ENOUGH and int(mask.sum()) >= FEW_PATCHES
     points = Generations(frames[0], mask, corners, reseed=reseed)
     if settings.mask_model:
@@ -78,10 +84,10 @@ def follow(clip: Clip, outline: Outline, lens: Lens, progress: Progress, journal
 
 
 def _tracks_of(points: Generations, first: int, frames: Frames, masks: Masks, plate: Plate | None, progress: Progress) -> Tracks:
-    """The points that were followed, the `first` of them from frame 0 on; the silhouette's centroid beside or instead of them."""
+    """The points' tracks, of which `first` begin in frame 0; if these are too few, the silhouette's centroid joins or replaces them."""
     xy, visible, sigma = points.tracks()
     seen = areas(masks) > 0
-    # Later tracks do not count: only those of frame 0 say for certain where on the body they are.
+    # Later tracks do not count: only those from frame 0 have a certain place on the body.
     early, half = visible[:, :first], max(2, len(frames) // 2)
     enough = early.sum(axis=1) >= ENOUGH
     last = bool(enough[seen].all())
@@ -93,13 +99,13 @@ def _tracks_of(points: Generations, first: int, frames: Frames, masks: Masks, pl
 
 
 def _flicker(visible: np.ndarray, half: int) -> bool:
-    """Whether the corners `visible` (T+1, K) bool come and go where they should stay, see `COMING_BACK`; `half` of the frames."""
+    """Whether corners that should stay visible come and go, see `COMING_BACK`. `visible`: (T+1, K) bool; `half`: half of the frames."""
     lost, back = visible[:-1] & ~visible[1:], ~visible[:-1] & visible[1:]
     return bool(visible[:half].mean() < SEEN_AT_ALL and back.sum() > COMING_BACK * lost.sum())
 
 
 def _tell_lost(seen: np.ndarray, progress: Progress) -> None:
-    """Say where the object is out of sight: `seen` (T+1,) bool. Raises ObjectError where that is everywhere but in frame 0."""
+    """Warn of frames in which the object is not `seen` (T+1,) bool. Raises ObjectError if it is seen in frame 0 only."""
     if not seen[1:].any():
         raise ObjectError(
             "The object is lost right after the first frame.",
@@ -114,16 +120,16 @@ def _centroid_alone(frames: Frames, masks: Masks, plate: Plate | None, progress:
     """The silhouette's centroid in place of corner tracks."""
     place, visible, sigma = centroid_track(frames, masks, plate)
     progress.warn(
-        "The object is too small or too plain, or its surface too fickle, for single points to be followed, so its silhouette's centroid "
-        "is: its rotation stays unknown."
+        "The object is too small or too plain, or its surface too fickle, for single points to be followed. Its silhouette's centroid is "
+        "followed instead, so its rotation stays unknown."
     )
     return Tracks(place[:, None], visible[:, None], sigma[:, None], np.ones(1, bool))
 
 
 def _with_centroid(frames: Frames, masks: Masks, plate: Plate | None, corners: Tracks, enough: np.ndarray, progress: Progress) -> Tracks:
-    """The silhouette's centroid besides the corner tracks, in frames without `enough` (T+1,) bool of them.
+    """The `corners` tracks with the silhouette's centroid as one more, visible in the frames without `enough` (T+1,) bool corners.
 
-    Corners turn out of sight (a sheet seen edge-on), and the centroid has the larger sigma of a silhouette that turns.
+    Corners get lost when they turn out of sight (a sheet seen edge-on), so the centroid gets the larger sigma of a turning silhouette.
     """
     place, visible, sigma = centroid_track(frames, masks, plate)
     joins = visible & ~enough

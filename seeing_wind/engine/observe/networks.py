@@ -1,4 +1,4 @@
-"""Where a network is asked for, it takes the place of a default: depth, the first outline, the outlines after it, the tracks."""
+"""The steps for which a network can replace the default: depth, the first outline, the outlines after it, and the tracks."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ from .mask.moving.in_box import Moving
 from .tracks.tracker import find_corners
 
 LEAST_TRACKS = 3
-"""Points of the object that a network must be given."""
+"""Least number of the object's points to give to a network."""
 
 
 def check_networks(settings: ObserveSettings) -> None:
-    """Raises UsageError for options that need each other or exclude each other."""
+    """Raise UsageError for options that need each other or exclude each other."""
     if (settings.prompt is None) != (settings.detector_model is None):
         raise UsageError("--prompt and --detector-model belong together.", "Give the words, and the network that finds them.")
     if settings.prompt is not None and not settings.prompt.strip():
@@ -48,7 +48,7 @@ def check_networks(settings: ObserveSettings) -> None:
 
 
 def first_depth(settings: ObserveSettings, clip: Clip, progress: Progress) -> tuple[np.ndarray | None, str]:
-    """The depth (H, W) float32 [m] of frame 0 as filmed, from a file or a network, None without; and what to call it.
+    """The depth (H, W) float32 [m] of frame 0 as filmed, from a file or a network, None without either; and its name for messages.
 
     Raises:
         UsageError: a depth file that cannot be used. ModelError, MissingPackage: a network that cannot.
@@ -60,7 +60,7 @@ def first_depth(settings: ObserveSettings, clip: Clip, progress: Progress) -> tu
         return None, ""
     from .models.depth import predict_depth
 
-    fov = settings.fov if 1.0 <= settings.fov <= 170.0 else DEFAULT_FOV_DEGREES  # a wrong one is told by the camera
+    fov = settings.fov if 1.0 <= settings.fov <= 170.0 else DEFAULT_FOV_DEGREES  # `find_camera` raises an error for a wrong angle
     focal = 0.5 * width / float(np.tan(0.5 * np.radians(fov)))
     if settings.camera is not None:
         focal = read_camera(settings.camera, width, height, frames, clip.first_frame).fx
@@ -72,10 +72,11 @@ def first_outline(
 ) -> np.ndarray:
     """The object (H, W) bool in the first of the straightened `frames` (T+1, H, W, 3).
 
-    From words or a box, else as `first_mask` finds it; cut by a network if one is named. `moving` belongs to `plate`, see `moving_from`.
+    It is found from words or a box, else as `first_mask` does; a network cuts it out if one is named. `plate` is the background, and
+    `moving` what moves before it, see `moving_from`.
 
     Raises:
-        ObjectError, UsageError: as `first_mask` and `mask_in_box`. ModelError, MissingPackage: a network that cannot be used.
+        ObjectError, UsageError: as in `first_mask` and `mask_in_box`. ModelError, MissingPackage: a network that cannot be used.
     """
     box, frame = settings.box, frames[0]
     if settings.prompt is not None and settings.detector_model is not None:
@@ -96,12 +97,12 @@ def first_outline(
     if box is not None and settings.mask is None:
         return mask_in_box(frame, box, plate, progress, moving)
     mask = first_mask(settings, frames, plate, progress)
-    # A mask or a depth map of the user's is over the filmed frame; what moves was found in the straightened one.
+    # The user's mask or depth map is given in the filmed frame; anything else was found in the straightened one.
     return lens.straight_map(mask) if settings.mask is not None or settings.depth is not None else mask
 
 
 def network_masks(name: str, frames: Frames, mask: np.ndarray, progress: Progress) -> Masks:
-    """The masks (T+1, H, W) of `frames` (T+1, H, W, 3) by the network `name`, `mask` (H, W) bool being that of frame 0."""
+    """The masks (T+1, H, W) of `frames` (T+1, H, W, 3) from the network `name`, given `mask` (H, W) bool in frame 0."""
     from .models.masks import MaskModel
 
     packing = Packing()
@@ -113,10 +114,10 @@ def network_masks(name: str, frames: Frames, mask: np.ndarray, progress: Progres
 
 
 class Outlined:
-    """Follows an object whose `masks` (T+1, H, W) are known already, as a `mask.through.Follower`: seeks the flow between them."""
+    """A `mask.through.Follower` for an object whose `masks` (T+1, H, W) are known already: it only computes the flow between them."""
 
     def __init__(self, frame: np.ndarray, masks: Masks) -> None:
-        """`frame` (H, W, 3) uint8 RGB: number 0."""
+        """`frame`: frame 0, (H, W, 3) uint8 RGB."""
         self._solver, self._masks, self._count = FlowSolver(rough=True), masks, 0
         self._gray = cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY)
         self.mask = masks[0]
@@ -148,10 +149,10 @@ class Outlined:
 
 
 def network_tracks(name: str, frames: Frames, mask: np.ndarray, progress: Progress) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """xy (T+1, K, 2) [px], visible (T+1, K) bool and sigma (T+1, K) [px] of the object's corners by the network `name`.
+    """Tracks of the object's corners from the network `name`: xy (T+1, K, 2) [px], visible (T+1, K) bool and sigma (T+1, K) [px].
 
     Raises:
-        ObjectError: the object has no corners to follow.
+        ObjectError: the object has too few corners. ModelError, MissingPackage: the network cannot be used.
     """
     from .models.points import follow_points
 

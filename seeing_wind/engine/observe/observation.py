@@ -31,7 +31,7 @@ from .tracks.file import checked_tracks
 from .working_size import WorkingSize, working_scale
 
 HUGE = 50.0
-"""Metres: an object longer than this is more often one whose distance is in millimetres."""
+"""Length [m] beyond which an object is more likely one whose distance was given in millimetres."""
 
 
 def observe(
@@ -42,15 +42,15 @@ def observe(
     watch: Callable[[np.ndarray], None] | None = None,
     ready: Callable[[Steady], None] | None = None,
 ) -> Observation:
-    """What is seen in `clip` (a video, a folder of images, or a pattern), with pixels those of the file.
+    """The observation of `clip` (a video, a folder of images, or a pattern), in the file's own pixels.
 
     Args:
         journal: keeps what was followed so far, for one clip and its settings without the pin.
-        watch: is shown the frames as they are read, see `read_clip`.
-        ready: is shown the clip before the object is looked for in it, and may raise what is wrong with later stages' options for it.
+        watch: called with each frame as it is read, see `read_clip`.
+        ready: called with the clip before the object is looked for; it may raise an error if later stages' options do not fit the clip.
 
     Raises:
-        ClipError, ObjectError, UsageError: as the parts say (`read_clip`, `first_mask`, `find_camera`, `object_depth`, `read_tracks`).
+        ClipError, ObjectError, UsageError: see `read_clip`, `first_mask`, `find_camera`, `object_depth` and `read_tracks`.
     """
     with one_thread(), ThreadPoolExecutor(1) as beside:
         return _observe(clip, settings, progress, journal, beside, watch, ready)
@@ -86,12 +86,12 @@ def _observe(
 def _seen(
     clip: Clip, settings: ObserveSettings, progress: Progress, journal: Journal, beside: Executor, ready: Callable[[Steady], None] | None
 ) -> Observation:
-    """The observation of a clip at the size at which it is; what nothing else waits for is looked at `beside` it, on another core."""
+    """The observation of a clip at its working size; what nothing else waits for runs in the executor `beside`, on another core."""
     steady = steady_clip(clip, settings, progress, journal, beside)
     if ready is not None:
         ready(steady)
     if settings.pin is not None and (settings.mask is not None or settings.box is not None):
-        _held(settings.pin, steady.around, steady.lens)  # all of it held is told before it is followed
+        _held(settings.pin, steady.around, steady.lens)  # raises early, before the object is followed, if all of it is held
     outline = find_outline(steady, progress, journal)
     clip, lens = steady.clip, steady.lens
     pin = _pin(settings.pin, outline.mask, lens)
@@ -135,7 +135,7 @@ def _seen(
 
 
 def _tell_huge(mask: np.ndarray, depth: np.ndarray, camera: Camera, progress: Progress) -> None:
-    """Warn of an object so large that its distance is hardly in metres."""
+    """Warn of an object so large that its distance is probably not in metres."""
     rows, columns = np.nonzero(mask)
     width = max(np.ptp(rows), np.ptp(columns)) + 1
     far = float(np.median(depth[mask]))
@@ -155,16 +155,16 @@ def _depth_map(steady: Steady, mask: np.ndarray) -> np.ndarray | None:
 
 
 def pinned(seen: Observation, pin: str | None) -> Observation:
-    """The same observation with what the PNG `pin` holds, in the file's own pixels; nothing without one.
+    """The observation with the pinned region from the PNG file `pin`, in the file's own pixels; an empty one if `pin` is None.
 
     Raises:
-        UsageError: no such frame, or of another size. ObjectError: it does not touch the object, or covers it.
+        UsageError: no such image, or of another size. ObjectError: it does not touch the object, or covers it.
     """
     return replace(seen, pin=_pin(pin, np.asarray(seen.masks[0]), Lens(seen.camera)))
 
 
 def _pin(path: str | None, mask: np.ndarray, lens: Lens) -> np.ndarray:
-    """(H, W) bool, the held part of the object."""
+    """The held part (H, W) bool of the object, from the PNG file at `path`; empty if that is None."""
     if path is None:
         return np.zeros_like(mask)
     pin = _held(path, mask, lens)
@@ -176,7 +176,7 @@ def _pin(path: str | None, mask: np.ndarray, lens: Lens) -> np.ndarray:
 
 
 def _held(path: str, area: np.ndarray, lens: Lens) -> np.ndarray:
-    """What the PNG `path` holds of an area (H, W) bool that the object is in. Raises ObjectError where that is all of it."""
+    """The pixels of `area` (H, W) bool, which contains the object, that the PNG file `path` holds. Raises ObjectError if that is all."""
     held = lens.straight_map(read_mask(path, area.shape[0], area.shape[1], "pin mask")) & area
     if held.any() and held.sum() == area.sum():
         raise ObjectError(

@@ -1,4 +1,4 @@
-"""The object's outline in frame 0, and corrected ones, with what lies behind it."""
+"""The object's outline in frame 0, the user's corrections of it in any frame, and the background."""
 
 from __future__ import annotations
 
@@ -27,30 +27,30 @@ from .steady import Steady, marked, marked_area
 
 @dataclass(frozen=True)
 class Outline:
-    """The object."""
+    """The object's outline."""
 
     mask: np.ndarray
     """(H, W) bool, in frame 0."""
     corrected: Masks | None
-    """In all frames, where the user corrected any."""
+    """In all frames, if the user corrected any; else None."""
     known: Surroundings
-    """What is behind it and beside it."""
+    """The background, and other things beside the object."""
     settings: ObserveSettings
-    """With the box in which it was sought."""
+    """The settings, with the box in which the object was sought."""
     doubts: list[Doubt]
 
 
 def find_outline(steady: Steady, progress: Progress, journal: Journal) -> Outline:
-    """The object's outline: what the user drew, or else what moves where they say that the object is.
+    """The object's outline: as the user drew it, or else what moves where the user marked the object.
 
     Raises:
-        ObjectError, UsageError: as `first_mask` and `corrected` say.
+        ObjectError, UsageError: see `first_outline` and `mask/corrected.py`.
     """
     progress.update(0.08, "finding the object")
     frames, settings, around, plate = steady.clip.frames, steady.settings, steady.around, steady.plate
     shown, marks = _corrections(steady)
     if shown and not marked(settings):
-        # Nothing else says where it is: it is sought in frame 0 where it is followed back to.
+        # The object is only marked in a later frame: it is followed back to frame 0, and sought there in a box round that place.
         settings = replace(settings, box=box_round(carried_to_first(frames, shown, plate, progress)))
         around = marked_area(settings, *frames.shape[1:3])
     boxed = around if settings.box is not None else np.zeros_like(around)
@@ -71,7 +71,7 @@ def find_outline(steady: Steady, progress: Progress, journal: Journal) -> Outlin
         if plate is None:
             known = Surroundings(known.plate, panned=True)
         elif 0 in shown:
-            # What is behind the object, and how it differs from that, is learnt once more where the user has drawn it.
+            # The background, and the object's contrast to it, are learnt once more from the outline that the user has drawn.
             drawn = replace(settings, box=None)
             mask, again = with_background(frames, shown[0], behind, moving, drawn, shown[0], progress, journal)
             known = replace(again, other=known.other)
@@ -80,10 +80,10 @@ def find_outline(steady: Steady, progress: Progress, journal: Journal) -> Outlin
 
 
 def _corrections(steady: Steady) -> tuple[dict[int, np.ndarray], dict[int, Marks]]:
-    """The outline (H, W) bool that the user gave, and marks that correct one, by the frames of the clip that they are in.
+    """The outline (H, W) bool that the user gave, and the marks that correct outlines, both by frame of the clip.
 
     Raises:
-        UsageError: one that lies outside the clip.
+        UsageError: an outline or a mark outside the clip. ObjectError: an outline of too few pixels.
     """
     settings, clip, lens, turns = steady.settings, steady.clip, steady.lens, steady.turns
     count, height, width = clip.frames.shape[:3]

@@ -1,4 +1,4 @@
-"""A clip made ready: seen through a pinhole, from a camera that stands still where that can be had, with what is behind the object."""
+"""Preparing a clip: frames without lens distortion, and as far as possible from a camera that stands still; and the background."""
 
 from __future__ import annotations
 
@@ -24,36 +24,37 @@ from .networks import first_depth
 
 MOVES_DO = "Film from a tripod, or give the camera's path with --camera."
 ROUND_POINT = 0.25
-"""About how far the object may reach from a point on it, in units of the frame's shorter side."""
+"""About how far the object may reach from a point marked on it, in units of the frame's shorter side."""
 
 
 @dataclass(frozen=True)
 class Steady:
-    """What is known of a clip before the object is."""
+    """A prepared clip: what is known before the object is looked for."""
 
     clip: Clip
-    """Its frames without the lens's distortion and the turns."""
+    """The clip, with lens distortion and camera turns removed from its frames."""
     settings: ObserveSettings
-    """With box and points in its pixels."""
+    """The settings, with box and points in the straightened pixels."""
     lens: Lens
     distance: float
-    """Of the object [m]."""
+    """The object's distance from the camera [m]."""
     depth: np.ndarray | None
-    """(H, W) [m] of frame 0 as it was filmed."""
+    """(H, W) [m] of frame 0 as it was filmed; None where unknown."""
     depth_name: str
+    """Where the depth is from, for messages."""
     around: np.ndarray
-    """(H, W) bool: about where the object is said to be."""
+    """(H, W) bool: about where the object is according to the user."""
     turns: np.ndarray | None
-    """(T+1, 3, 3) of the camera, taken out of the frames; None where there were none."""
+    """(T+1, 3, 3) the camera's turns that were removed from the frames; None if there were none."""
     plate: Plate | None
-    """What is behind the object; None where the camera moves."""
+    """The background; None if the camera moves."""
     doubts: list[Doubt]
     asked: Future[list[Doubt]] | None
-    """Further ones, still being looked for."""
+    """Further doubts, still being computed; None if there is nothing to compute."""
 
 
 def steady_clip(clip: Clip, settings: ObserveSettings, progress: Progress, journal: Journal, beside: Executor) -> Steady:
-    """The clip made ready; how the camera moves is looked at `beside` it."""
+    """Prepare a clip; doubts about the camera's focus and shutter are computed in the executor `beside`."""
     count, height, width = clip.frames.shape[:3]
     around = marked_area(settings, height, width)
     depth, depth_name = first_depth(settings, clip, progress)
@@ -78,7 +79,7 @@ def steady_clip(clip: Clip, settings: ObserveSettings, progress: Progress, journ
 
 
 def _straight(settings: ObserveSettings, lens: Lens) -> ObserveSettings:
-    """The settings with their box or points in the pinhole's pixels."""
+    """The settings with their box or points in the straightened pixels."""
     if not lens.bends:
         return settings
     if settings.box is not None:
@@ -95,7 +96,7 @@ def marked(settings: ObserveSettings) -> bool:
 
 
 def marked_area(settings: ObserveSettings, height: int, width: int) -> np.ndarray:
-    """(H, W) bool: about where a mask, box or points say that the object is; nowhere without them."""
+    """About where the object is according to the user's mask, outline, box or points, (H, W) bool; empty without any."""
     if settings.mask or (settings.outline and not marked(settings)):
         return read_mask(settings.mask or settings.outline or "", height, width)
     area = np.zeros((height, width), np.uint8)

@@ -1,7 +1,7 @@
-"""Clips of high resolution are looked at in a smaller copy; what is found is reported in the file's own pixels.
+"""Clips of high resolution are observed in a smaller copy; the results are reported in the file's own pixels.
 
-Tracks and outlines gain nothing from thousands of pixels, while every part takes time in proportion. The files that the user named for
-the clip's size are written smaller beside each other in a temporary folder, once they have been checked at their own size.
+Tracks and outlines gain nothing from thousands of pixels, while the time of every part grows with them. The user's files of the clip's size
+are checked at their own size; then smaller copies of them are written to a temporary folder.
 """
 
 from __future__ import annotations
@@ -27,17 +27,17 @@ from .mask.first_mask import point_list, read_mask
 from .tracks.file import load_tracks
 
 LONGEST = 1280
-"""Pixels of the frame's longer side that are enough."""
+"""Length of the frame's longer side that is enough [px]."""
 
 LEAST_OBJECT = 160
-"""Pixels of the object's longer side below which a smaller copy would lose its pattern."""
+"""Length of the object's longer side below which a smaller copy would lose its pattern [px]."""
 
 ALIKE = 12
-"""Grey levels within which frame 0 shows the background that was found, only sharper."""
+"""Difference [grey levels] up to which frame 0 shows the same background as the one that was found, only sharper."""
 
 
 def working_scale(settings: ObserveSettings, height: int, width: int) -> float:
-    """The factor, at most 1, to look at frames of `height` and `width` with.
+    """The factor, at most 1, by which frames of `height` and `width` [px] are reduced.
 
     Raises:
         UsageError: a mask that cannot be read.
@@ -53,7 +53,7 @@ def working_scale(settings: ObserveSettings, height: int, width: int) -> float:
 
 
 class WorkingSize:
-    """A clip's own size (H, W) and the one at which it is looked at."""
+    """A clip's own size `file` (H, W) and the size `work` (H, W) at which it is observed [px]."""
 
     def __init__(self, height: int, width: int, scale: float) -> None:
         self.file = (height, width)
@@ -62,7 +62,7 @@ class WorkingSize:
         """File pixels per working pixel, x and y."""
 
     def inward(self, xy: np.ndarray) -> np.ndarray:
-        """Pixels (..., 2) of the file in the working copy; pixel centres are at integers in both."""
+        """Working pixels (..., 2) of the file's pixels xy (..., 2); pixel centres are at integers in both."""
         return (np.asarray(xy, dtype=np.float64) + 0.5) / self._factor - 0.5
 
     def outward(self, xy: np.ndarray) -> np.ndarray:
@@ -70,10 +70,10 @@ class WorkingSize:
         return (xy + 0.5) * self._factor - 0.5
 
     def settings(self, settings: ObserveSettings, clip: Clip, folder: Path) -> ObserveSettings:
-        """The settings for the smaller copy of `clip`, with smaller copies of their files in `folder`.
+        """The settings for the smaller copy of `clip`, with smaller copies of the files that they name in `folder`.
 
         Raises:
-            UsageError: as the readers of those files say, in the file's own pixels.
+            UsageError: one of these files is unusable; the message is in the file's own pixels.
         """
         changes: dict[str, object] = {}
         for name, what in (("mask", "mask"), ("outline", "outline"), ("pin", "pin mask")):
@@ -113,7 +113,7 @@ class WorkingSize:
         return {**values, "camera_to_world": np.asarray(camera.camera_to_world).tolist(), **dict(zip(LENS, camera.distortion))}
 
     def observation(self, seen: Observation, clip: Clip) -> Observation:
-        """What was seen in the smaller copy of `clip`, in the file's own pixels."""
+        """The observation `seen` of the smaller copy of `clip`, in the file's own pixels."""
         camera = resized(seen.camera, *self.file)
         size = self.file[::-1]
         image = Lens(camera).straight_one(clip.as_filmed(0))

@@ -1,4 +1,4 @@
-"""The camera of a clip: from a file, or a level pinhole in front of the object; and how far away the object is."""
+"""The camera of a clip, from a file or a level pinhole in front of the object; and the object's distance from it."""
 
 from __future__ import annotations
 
@@ -17,28 +17,28 @@ from ...settings import ObserveSettings
 from .transforms import LENS, from_transforms, is_transforms, matrices_in, number_in
 
 DEFAULT_DISTANCE = 2.0
-"""Metres assumed when nothing says the scale: someone filming a thing within reach. Force scales with it, and the user is told so."""
+"""Distance [m] assumed if no scale is known: someone films a thing within reach. Forces scale with it, and the user is warned."""
 
 NEAREST, FARTHEST = 0.01, 1e6
-"""Metres between which an object can be: beyond them a unit or a sign was mistaken."""
+"""Bounds of an object's distance [m]: beyond them, a unit or a sign is wrong."""
 
 ROTATION_TOLERANCE = 1e-3
-"""How far R^T R may be from the identity: exporters write six digits or fewer."""
+"""Largest deviation of R^T R from the identity: exporters write six digits or fewer."""
 
 SHORTEST, LONGEST = 0.05, 1000.0
-"""Frame widths between which a focal length can be: 169 degrees of view, and 0.06."""
+"""Bounds of a focal length in frame widths: 169 degrees of view, and 0.06."""
 STRETCHED = 4.0
-"""Largest ratio of fx and fy, for the oblongest pixels."""
+"""Largest ratio of fx to fy, or of fy to fx: no pixels are more oblong."""
 OFF_CENTRE = 1.0
-"""Frame sizes by which the centre may lie outside the frame, as of a crop."""
+"""Distance outside the frame at which the principal point of a cropped frame may lie, in units of the frame's size."""
 BENT = 0.5
-"""Largest way, in frame diagonals, by which a lens moves a point of the frame."""
+"""Largest distance, in frame diagonals, by which a lens moves a point of the frame."""
 
 KEYS = ("width", "height", "fx", "fy", "cx", "cy", "camera_to_world")
 
 
 def resized(camera: Camera, height: int, width: int) -> Camera:
-    """The same camera with frames of `height` and `width` [px]; pixel centres are at integers in both."""
+    """`camera` for frames resized to `height` and `width` [px]; pixel centres are at integers in both."""
     across, down = width / camera.width, height / camera.height
     cx, cy = (camera.cx + 0.5) * across - 0.5, (camera.cy + 0.5) * down - 0.5
     return replace(camera, width=width, height=height, fx=camera.fx * across, fy=camera.fy * down, cx=cx, cy=cy)
@@ -49,13 +49,14 @@ def find_camera(
 ) -> tuple[Camera, float]:
     """The camera of a clip of `frames` frames (width x height, from `first_frame` of its file) and the object's distance [m].
 
-    `depth` [m] is the object's from a depth file, None without one; a distance or scale in the settings goes before it.
+    `depth` [m] is the object's from a depth map, None without one; a distance or scale in the settings takes precedence.
 
-    Without a camera file: a pinhole with the horizontal angle `settings.fov` in front view, the object's plane at y = 0,
+    Without a camera file, the camera is a pinhole with the horizontal angle `settings.fov` in front view, and the object's plane is y = 0,
     so that the middle of the frame is the world's origin.
 
     Raises:
-        UsageError: a camera file that cannot be used, or a distance, scale or angle that is not positive, or that contradict each other.
+        UsageError: a camera file that cannot be used; a distance or scale that is not positive; an angle out of range; or a distance and a
+            scale that contradict each other.
     """
     given = settings.distance is not None or settings.pixels_per_metre is not None
     if depth is not None:
@@ -81,13 +82,13 @@ def find_camera(
 
 
 def read_camera(path: str, width: int, height: int, frames: int, first_frame: int = 0) -> Camera:
-    """A camera file: JSON with width, height, fx, fy, cx, cy [px] and camera_to_world (4x4, or one per frame); or a `transforms.json`.
+    """The camera of a file: JSON with width, height, fx, fy, cx, cy [px] and camera_to_world (4x4, or one per frame); or `transforms.json`.
 
-    k1, k2, p1, p2, k3 describe the lens (OpenCV's model, no bend where they are missing); other keys are ignored.
+    k1, k2, p1, p2, k3 describe the lens (OpenCV's model; zero where they are missing); other keys are ignored.
 
     Raises:
-        UsageError: unreadable, keys missing, another frame size than the clip's, values that are no finite numbers, or no rigid motion in
-            a matrix.
+        UsageError: unreadable, keys missing, another frame size than the clip's, values that are not finite numbers, or a matrix that is
+            not a rigid motion.
     """
     values = _read_json(path)
     if is_transforms(values):
@@ -110,7 +111,7 @@ def read_camera(path: str, width: int, height: int, frames: int, first_frame: in
 
 
 def _check_pinhole(path: str, width: int, height: int, fx: float, fy: float, cx: float, cy: float) -> None:
-    """UsageError for a focal length or a centre that no camera of this frame has."""
+    """Raise UsageError for a focal length or a centre that no camera with this frame can have."""
     for name, focal in (("fx", fx), ("fy", fy)):
         if not SHORTEST * width <= focal <= LONGEST * width:
             raise UsageError(
@@ -127,7 +128,7 @@ def _check_pinhole(path: str, width: int, height: int, fx: float, fy: float, cx:
 
 
 def _distortion(path: str, lens: tuple[float, ...], camera: Camera) -> tuple[float, ...]:
-    """The lens's five numbers, () where they are all zero; checked to map the frame one to one."""
+    """The lens's five numbers, checked to map the frame one to one; () if they are all zero."""
     if not any(lens):
         return ()
     k1, k2, p1, p2, k3 = lens
@@ -142,7 +143,7 @@ def _distortion(path: str, lens: tuple[float, ...], camera: Camera) -> tuple[flo
             f"The lens of {path} moves a point of the frame by {way:.3g} of {diagonal:.0f} pixels.",
             "Calibrate it again; k1, k2, p1, p2 and k3 are OpenCV's, for lengths in focal lengths.",
         )
-    # The radial formula turns back on itself where d(r (1 + k1 r² + k2 r⁴ + k3 r⁶))/dr is no longer positive.
+    # The radial map folds back on itself where d(r (1 + k1 r² + k2 r⁴ + k3 r⁶))/dr is no longer positive.
     r2 = np.linspace(0.0, (0.5 * diagonal / focal) ** 2, 200)
     if (1 + 3 * k1 * r2 + 5 * k2 * r2**2 + 7 * k3 * r2**3 <= 0.0).any():
         raise UsageError(f"The lens of {path} (k1 {k1:g}, k2 {k2:g}, k3 {k3:g}) folds the frame over.", "Calibrate it again.")
@@ -162,11 +163,11 @@ def _read_json(path: str) -> dict[str, Any]:
 
 
 def _poses(path: str, poses: np.ndarray, frames: int, first_frame: int) -> np.ndarray:
-    """Checked camera_to_world: (4, 4) when the camera stands still, else (T+1, 4, 4)."""
+    """The checked camera_to_world: (4, 4) if the camera stands still, else (T+1, 4, 4)."""
     if poses.shape[-2:] != (4, 4) or poses.ndim not in (2, 3):
         raise UsageError(f"camera_to_world of {path} has the shape {poses.shape}.", "Give one 4x4 matrix, or one per frame.")
     if poses.ndim == 3 and len(poses) != frames:
-        # The file may describe the whole clip of which a range was chosen.
+        # The file may describe the whole clip, of which a range was chosen.
         if len(poses) < first_frame + frames:
             raise UsageError(
                 f"{path} has {len(poses)} camera matrices, the clip {frames} frames.", "Give one matrix, or one per frame."
@@ -188,7 +189,7 @@ def _poses(path: str, poses: np.ndarray, frames: int, first_frame: int) -> np.nd
 
 
 def _flaw(poses: np.ndarray, off: float) -> str:
-    """What keeps matrices (..., 4, 4), whose rotations are `off` from orthonormal ones, from being those of a camera."""
+    """Why matrices (..., 4, 4), whose rotations deviate by `off` from orthonormal ones, cannot be a camera's."""
     if np.abs(poses[..., 3, :] - [0, 0, 0, 1]).max() > 1e-6:
         return "its last row is not 0 0 0 1"
     return f"its rotation is off by {off:.2g}" if off > ROTATION_TOLERANCE else "it mirrors"
@@ -222,7 +223,7 @@ def _check_distance(distance: float, what: str) -> float:
 
 
 def _distance_of_origin(camera: Camera, progress: Progress) -> float:
-    """Depth of the world's origin in frame 0 [m] when it is in front of the camera, else the default distance."""
+    """Depth of the world's origin in frame 0 [m] if it is in front of the camera, else the default distance."""
     depth = float(camera.project(np.zeros(3))[1])
     distance = depth if depth > 1e-3 else DEFAULT_DISTANCE
     taken = f"which is taken as {in_units(distance, 'm')}"

@@ -1,4 +1,4 @@
-"""What is wrong with a clip that can be seen in it: no frame at all, a cut to another shot, blur by motion, an object that leaves."""
+"""Defects of a clip that show in its frames: black frames, a cut to another shot, motion blur, an object that leaves the frame."""
 
 from __future__ import annotations
 
@@ -12,29 +12,29 @@ from ...progress import Progress
 from .stored import Frames
 
 BLACK = 12.0
-"""Brightest grey level (smoothed) up to which a frame is black: codecs write 16 for black, read back as 0 with noise."""
+"""Brightest grey level (smoothed) up to which a frame is black: codecs write 16 for black, which is read back as 0 with noise."""
 
 SMALL = (64, 48)
-"""Pixels of the copies in which cuts are sought: what moves inside a shot changes little of them."""
+"""Width and height [px] of the copies in which cuts are sought: motion inside a shot changes them little."""
 
 CUT_JUMP = 12.0
-"""Mean difference of neighbouring frames [grey levels] from which a cut is possible."""
+"""Mean difference between neighbouring frames [grey levels] from which a cut is possible."""
 
 CUT_RATIO = 6.0
-"""How many times larger than the usual difference in this clip that of a cut is."""
+"""Least difference across a cut, in units of the clip's median difference between neighbouring frames."""
 
 CUT_LIKENESS = 0.5
-"""Correlation of the frames across a cut is below this; a light that is switched keeps it high."""
+"""Correlation between two frames below which there may be a cut; it stays higher when a light is switched."""
 
 BLURRED = 0.35
-"""Sharpness (variance of the Laplacian on the object) relative to its best, under which a frame counts as blurred."""
+"""Sharpness (variance of the Laplacian on the object), relative to the object's best, below which a frame counts as blurred."""
 
 FAST = 0.03
-"""The object's step from frame to frame in units of its size from which blur is blamed on motion."""
+"""The object's step from frame to frame, in units of its size, from which blur is attributed to motion."""
 
 
 def check_frames(frames: Frames, first_frame: int, progress: Progress) -> None:
-    """Look for defects that make any result nonsense.
+    """Raise an error for defects that make any result meaningless.
 
     Args:
         frames: (T+1, H, W, 3) uint8 RGB; first_frame: index in the file of frame 0.
@@ -65,7 +65,7 @@ def check_frames(frames: Frames, first_frame: int, progress: Progress) -> None:
 
 
 def _frame_before_cut(small: np.ndarray) -> int | None:
-    """The last frame before a cut in `small` (T+1, h, w), None without one."""
+    """The last frame before the first cut in `small` (T+1, h, w); None if there is no cut."""
     jump = np.abs(np.diff(small, axis=0)).mean(axis=(1, 2))
     usual = float(np.median(jump)) if len(jump) > 2 else 0.0
     for t in np.flatnonzero((jump > CUT_JUMP) & (jump > CUT_RATIO * usual)):
@@ -77,14 +77,14 @@ def _frame_before_cut(small: np.ndarray) -> int | None:
 
 
 def tell_defects(frames: Frames, masks: Masks, progress: Progress) -> None:
-    """Warn of what makes the result less certain: the object reaches over the frame's edge, or is blurred by its motion.
+    """Warn of defects that make the result less certain: the object reaches over the frame's edge, or is blurred by its motion.
 
     Args:
         frames: (T+1, H, W, 3) uint8 RGB; masks: (T+1, H, W) bool, the object.
     """
     rim = np.array([at_rim(mask) for mask in masks])
     if rim[0]:
-        progress.warn("The object reaches over the edge of the first frame: what lies outside has no mass in the result.")
+        progress.warn("The object reaches over the edge of the first frame: the part outside has no mass in the result.")
     elif rim.any():
         progress.warn(f"From {frame_named(int(np.flatnonzero(rim)[0]))} on the object is partly out of view, and fewer points are tracked.")
     blurred = _blurred_frames(frames, masks, progress)
@@ -96,7 +96,7 @@ def tell_defects(frames: Frames, masks: Masks, progress: Progress) -> None:
 
 
 def _blurred_frames(frames: Frames, masks: Masks, progress: Progress) -> np.ndarray:
-    """Frames in which the object is much less sharp than at its best while it moves fast."""
+    """The numbers of the frames in which the object moves fast and is much less sharp than at its best."""
     sharp, middle = np.full(len(frames), np.nan), np.full((len(frames), 2), np.nan)
     size = float(np.sqrt(max(masks[0].sum(), 1)))
     for t, (frame, mask) in enumerate(zip(frames, masks)):
@@ -114,5 +114,5 @@ def _blurred_frames(frames: Frames, masks: Masks, progress: Progress) -> np.ndar
         return np.zeros(0, int)
     step = np.linalg.norm(np.gradient(middle, axis=0), axis=1) / size
     best = np.nanpercentile(sharp, 90)
-    # A plain object is never sharp: its Laplacian is noise.
+    # A plain object is never sharp: its Laplacian is only noise.
     return np.flatnonzero((sharp < BLURRED * best) & (step > FAST)) if best > 20.0 else np.zeros(0, int)

@@ -1,4 +1,4 @@
-"""Depth of the object in frame 0: from a file, or a plane facing the camera."""
+"""Depth of the object in frame 0: from a depth map, or a plane facing the camera."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from ...progress import Progress
 from ...reading import read_array
 
 ROUGHEST = 0.1
-"""Median difference of neighbouring pixels' depths over the depth, from which it is no surface's."""
+"""Median difference between neighbouring pixels' depths, relative to the depth, from which the map cannot show a surface."""
 LEAST_KNOWN = 0.8
-"""Part of the object's pixels that a depth file must cover; the rest, mostly the silhouette's rim, takes the nearest known depth."""
+"""Fraction of the object's pixels that a depth map must cover; the rest, mostly the silhouette's rim, takes the nearest known depth."""
 
 
 def read_depth(path: str, height: int, width: int) -> np.ndarray:
@@ -42,7 +42,7 @@ def read_depth(path: str, height: int, width: int) -> np.ndarray:
 
 
 def typical_depth(depth: np.ndarray | None, around: np.ndarray) -> float | None:
-    """Median [m] of a depth map (H, W) over `around` (H, W) bool, or over all it knows where that is empty; None without a map."""
+    """Median [m] of a depth map (H, W) over `around` (H, W) bool, or over the whole map if no depth is known there; None without a map."""
     if depth is None:
         return None
     known = np.isfinite(depth) & (depth > 0)
@@ -53,8 +53,8 @@ def object_depth(depth: np.ndarray | None, name: str, mask: np.ndarray, distance
     """Depth (H, W) float32 [m] of the object's visible surface in frame 0, infinite off `mask` (H, W).
 
     Args:
-        depth: (H, W) [m], not positive or not finite where unknown; without it the surface is the plane at `distance` [m] that faces
-            the camera.
+        depth: (H, W) [m], not positive or not finite where unknown; if None, the surface is the plane at `distance` [m] that faces the
+            camera.
         name: where `depth` is from, for messages.
 
     Raises:
@@ -84,13 +84,13 @@ def object_depth(depth: np.ndarray | None, name: str, mask: np.ndarray, distance
 
 
 def filled(image: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """`image` (H, W) with the value of the nearest pixel that is `known` (H, W) bool where it is not."""
+    """`image` (H, W) with every pixel that is not `known` (H, W) bool replaced by the nearest known one."""
     return image[nearest_known(known)]
 
 
 def nearest_known(known: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Row and column (H, W) of the nearest pixel that is `known` (H, W) bool: an image at these is filled where it is not."""
-    from scipy.ndimage import distance_transform_edt  # slow to import, and most clips have no map
+    """Row and column, (H, W) each, of the nearest pixel that is `known` (H, W) bool; an image indexed with them is filled where unknown."""
+    from scipy.ndimage import distance_transform_edt  # slow to import, and most clips have no depth map
 
     rows, columns = distance_transform_edt(~known, return_distances=False, return_indices=True)
     return rows, columns

@@ -20,16 +20,16 @@ from .images import check_size, read_image
 from .stored import Frames, StoredFrames
 
 UNEVEN = 0.1
-"""Deviation of a time between frames from the usual one, relative, from which a clip counts as one of variable frame rate."""
+"""Relative deviation of a time between frames from the median one from which a clip counts as having a variable frame rate."""
 
 ROUNDING = 0.02
-"""Relative difference between a file's frame rate and that of its times that is rounding: some containers keep whole milliseconds."""
+"""Relative difference between a file's frame rate and that of its times up to which it is rounding: some containers keep milliseconds."""
 
 PLAYLIST = b"ffconcat"
-"""How a list of FFmpeg's begins, which it plays like a video; OpenCV opens none of the other kinds."""
+"""The first bytes of FFmpeg's list of files, which it plays like a video; OpenCV opens no playlists of other kinds."""
 
 TURNS = {90: cv2.ROTATE_90_CLOCKWISE, 180: cv2.ROTATE_180, 270: cv2.ROTATE_90_COUNTERCLOCKWISE}
-"""What makes a frame upright that a phone stored with this rotation in the file's metadata [degrees]."""
+"""The rotation that makes a frame upright, by the rotation in the file's metadata with which a phone stored it [degrees]."""
 
 
 @dataclass(frozen=True)
@@ -38,21 +38,21 @@ class Clip:
 
     path: str
     frames: Frames
-    """(T+1, H, W, 3) uint8 RGB, at the size that was asked for."""
+    """(T+1, H, W, 3) uint8 RGB, at the requested size."""
     fps: float
     first_frame: int
     """Index in the file of frame 0."""
     size: tuple[int, int]
     """Height and width in the file [px]."""
     kept: tuple[int, ...]
-    """Frames that are there at the file's own size, too: see `as_filmed`."""
+    """Numbers of the frames that are also kept at the file's own size, see `as_filmed`."""
     own: Frames
-    """(K, H, W, 3) uint8 RGB, those frames."""
+    """(K, H, W, 3) uint8 RGB, those frames at the file's own size."""
     doubts: tuple[Doubt, ...] = ()
-    """What is wrong with how it was filmed, as far as the file and its frames say so."""
+    """Faults of the filming, as far as the file and its frames reveal them."""
 
     def as_filmed(self, frame: int) -> np.ndarray:
-        """One of the `kept` frames (H, W, 3) uint8 RGB at the file's own size."""
+        """One of the `kept` frames, (H, W, 3) uint8 RGB, at the file's own size."""
         return self.own[self.kept.index(frame)]
 
 
@@ -72,18 +72,18 @@ def read_clip(
         path: a video that OpenCV opens, a folder of images (sorted by the numbers in their names), or a pattern such as
             `shot_%04d.png` or `shot_*.png`.
         frames: first and last frame.
-        fps: frames per second; None takes the file's, or the mean over the chosen frames where the file's rate varies.
-        resized: the height and width [px] to reduce the frames to, from the file's; None leaves them as they are.
-        keep: frames (0 is frame A) that are wanted at the file's own size, too.
-        watch: is shown each frame (H, W, 3) uint8 RGB, upright, at the file's own size.
+        fps: frames per second; None takes the file's, or the mean over the chosen frames if the file's rate varies.
+        resized: returns the height and width [px] to reduce the frames to, given the file's; None leaves them as they are.
+        keep: numbers of the frames (0 is frame A) to keep at the file's own size, too.
+        watch: called with each frame (H, W, 3) uint8 RGB, upright, at the file's own size.
 
     Raises:
         ClipError: nothing there, not a video, an empty range, or fewer than two frames.
-        UsageError: a frame rate that is not positive, or none for a sequence of images, which carries none.
+        UsageError: a frame rate that no camera has, or none given although the clip states none, as for a sequence of images.
         SeeingWindError: no room on disk for the decoded frames.
     """
     if fps is not None and not FRAME_RATES[0] <= fps <= FRAME_RATES[1]:
-        raise UsageError(f"The frame rate {fps:g} is not one of a camera.", "Give the clip's frames per second, for example --fps 30.")
+        raise UsageError(f"No camera has the frame rate {fps:g}.", "Give the clip's frames per second, for example --fps 30.")
     first, last = _range(frames)
     source, file_fps = _open(str(path))
     if is_sequence(str(path)):
@@ -122,7 +122,7 @@ def read_clip(
 
 
 class Copies:
-    """What is stored of the frames as they are decoded."""
+    """Stores the decoded frames: all at the requested size, some at the file's own size, too."""
 
     def __init__(self, file: tuple[int, int], resized: Callable[[int, int], tuple[int, int]] | None, keep: Collection[int]) -> None:
         self.file = file
@@ -146,7 +146,7 @@ class Copies:
 
 
 def require_clip(path: str) -> None:
-    """Raise ClipError where there is nothing that could be a clip, before a folder is made for its results."""
+    """Raise ClipError if there is nothing at `path` that could be a clip; to be called before a folder for its results is made."""
     if not path.strip():
         raise ClipError("No clip is named.", "Give a video file, a folder of images, or a pattern like shot_%04d.png.")
     if not is_sequence(path) and not Path(path).is_file():
@@ -156,14 +156,14 @@ def require_clip(path: str) -> None:
 
 
 def _refuse_playlist(place: Path) -> None:
-    """Raise ClipError for FFmpeg's playlists: they name other files, which nobody would see change, or be missing on another machine."""
+    """Raise ClipError for FFmpeg's playlists: the files that they name may change unnoticed, or be missing on another machine."""
     with open(place, "rb") as file:
         if file.read(len(PLAYLIST)) == PLAYLIST:
             raise ClipError(f"{place} is a list of files, not a video.", "Give the video itself, or join the listed ones with FFmpeg.")
 
 
 def files_of(path: str, frames: tuple[int, int] | None = None) -> list[Path]:
-    """The files that a clip is read from: the video itself, or those of a folder's or pattern's images that lie in the range."""
+    """The files that a clip is read from: the video itself, or the images of a folder or pattern that lie in the range."""
     if not is_sequence(path):
         return [Path(path)]
     first, last = frames or (0, None)
@@ -171,10 +171,10 @@ def files_of(path: str, frames: tuple[int, int] | None = None) -> list[Path]:
 
 
 def count_frames(path: str, frames: tuple[int, int] | None = None, progress: Progress = NoProgress()) -> int:
-    """How many frames of a clip lie in the range, by decoding: containers' own numbers are wrong too often.
+    """The number of a clip's frames that lie in the range, found by decoding, as the numbers that containers state are wrong too often.
 
     Raises:
-        ClipError: none does.
+        ClipError: there is none.
     """
     first, last = _range(frames)
     if is_sequence(path) or Path(path).suffix.lower() in IMAGE_SUFFIXES:
@@ -203,7 +203,7 @@ def _range(frames: tuple[int, int] | None) -> tuple[int, int | None]:
 
 
 def _tell_gaps(files: list[Path], progress: Progress) -> None:
-    """Warn where the numbers of frames, evenly spaced but for that, leave some out: they are taken as equally far apart in time."""
+    """Warn if numbers are missing from the otherwise evenly numbered files, since all frames are taken as equally far apart in time."""
     numbers = [re.findall(r"\d+", file.stem)[-1:] for file in files]
     if len(files) < 3 or not all(numbers):
         return
@@ -229,7 +229,7 @@ def _check_count(path: str, kept: int, count: int, first: int, last: int | None)
 
 
 def _rate(path: str, fps: float | None, file_fps: float, times: np.ndarray) -> tuple[float, Doubt | None]:
-    """Frames per second: the user's, else the file's, else (where the frames' `times` (T+1,) [s] are uneven) their mean, a doubt."""
+    """Frames per second: the user's, else the file's, or, if the frames' `times` (T+1,) [s] are uneven, their mean, with a doubt."""
     if fps is not None:
         return float(fps), None
     steps = np.diff(times)
@@ -243,7 +243,7 @@ def _rate(path: str, fps: float | None, file_fps: float, times: np.ndarray) -> t
                 f"{mean:.4g} per second, is used, and forces are wrong where frames are far apart.",
                 "Convert it to a constant rate.",
             )
-        # A file's own number is exact, but that of the whole file: an even part of an uneven clip has another.
+        # The rate that a file states is exact, but it is the whole file's: an even part of an uneven clip has another rate.
         file_fps = file_fps if np.isfinite(file_fps) and abs(mean / max(file_fps, 1e-9) - 1.0) < ROUNDING else mean
     if not (np.isfinite(file_fps) and 0.0 < file_fps < 1e5):
         raise UsageError(f"{path} does not say its frame rate.", "Give it with --fps: forces scale with its square.")
@@ -255,7 +255,7 @@ def _size(shape: tuple[int, ...]) -> str:
 
 
 def _open(path: str) -> tuple[Iterator[tuple[np.ndarray, float]], float]:
-    """Frames (BGR) of a clip with their times [s], and the frame rate its file states (both NaN for images)."""
+    """The frames (H, W, 3) uint8 BGR of a clip with their times [s], and the frame rate that its file states (both NaN for images)."""
     place = Path(path)
     require_clip(path)
     if is_sequence(path):
@@ -274,7 +274,7 @@ def _open(path: str) -> tuple[Iterator[tuple[np.ndarray, float]], float]:
 
 
 def _video(capture: cv2.VideoCapture) -> Iterator[tuple[np.ndarray, float]]:
-    # Builds of OpenCV differ in whether they turn frames by themselves.
+    # Builds of OpenCV differ in whether they rotate frames by themselves.
     capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)
     turn = TURNS.get(round(capture.get(cv2.CAP_PROP_ORIENTATION_META)) % 360)
     try:

@@ -1,4 +1,4 @@
-"""Image files read and written by Python: OpenCV opens a path that is not ASCII on Linux and macOS only."""
+"""Reading and writing image files through Python, as OpenCV can open paths that are not ASCII on Linux and macOS only."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from ...reading import regular
 
 
 def read_image(path: str | os.PathLike[str], flags: int = cv2.IMREAD_COLOR) -> np.ndarray:
-    """An image as OpenCV decodes it with `flags`, by default (H, W, 3) uint8 BGR.
+    """The image at `path` as OpenCV decodes it with `flags`, by default (H, W, 3) uint8 BGR.
 
     Raises:
-        OSError: no regular file.
-        ValueError: no image, or one of more than `LARGEST_IMAGE` pixels. The worker has OpenCV refuse those by their header,
+        OSError: not a regular file.
+        ValueError: not an image, or one of more than `LARGEST_IMAGE` pixels. In the worker, OpenCV refuses such images by their header,
             whatever the format (see `engine/__main__.py`).
     """
     regular(path)
@@ -35,13 +35,13 @@ def write_png(path: Path, image: np.ndarray) -> None:
     """Write an image (H, W) or (H, W, 3) BGR, uint8.
 
     Raises:
-        OSError: when the file cannot be written.
+        OSError: the file cannot be written.
     """
     path.write_bytes(cv2.imencode(".png", image)[1].tobytes())
 
 
 def check_size(width: float, height: float) -> None:
-    """ValueError for an image of more than `LARGEST_IMAGE` pixels."""
+    """Raise ValueError for an image of more than `LARGEST_IMAGE` pixels."""
     if width * height > LARGEST_IMAGE:
         raise ValueError(_too_large(f"it has {width:.0f}x{height:.0f},"))
 

@@ -1,4 +1,4 @@
-"""A lens that bends straight lines: frames and what is drawn over them are straightened on the way in (OpenCV's five-number model)."""
+"""Lens distortion (OpenCV's five-number model): frames, and masks, points and boxes given over them, are straightened on the way in."""
 
 from __future__ import annotations
 
@@ -26,19 +26,19 @@ class Lens:
             self._maps = cv2.initUndistortRectifyMap(self._matrix, np.array(camera.distortion), None, self._matrix, size, cv2.CV_32FC1)
 
     def straight(self, frames: Frames, progress: Progress) -> Frames:
-        """Frames (T+1, H, W, 3) uint8 as the pinhole would have filmed them; beyond the filmed part the rim is repeated."""
+        """`frames` (T+1, H, W, 3) uint8 as the pinhole would have filmed them; beyond the filmed part the rim is repeated."""
         if self._maps is None:
             return frames
         return each(frames, lambda t, frame: self.straight_one(frame), progress)
 
     def straight_one(self, frame: np.ndarray) -> np.ndarray:
-        """One frame (H, W, 3) as `straight`."""
+        """One frame (H, W, 3) uint8, straightened as in `straight`."""
         if self._maps is None:
             return frame
         return cv2.remap(frame, *self._maps, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
 
     def straight_map(self, values: np.ndarray, outside: float = 0.0) -> np.ndarray:
-        """A mask or depth map (H, W) of the filmed frame over the straightened one; `outside` the filmed part."""
+        """A mask or depth map (H, W) given over the filmed frame, over the straightened one; equal to `outside` beyond the filmed part."""
         if self._maps is None:
             return values
         whole = values.astype(np.uint8) if values.dtype == bool else values.astype(np.float32)
@@ -46,7 +46,7 @@ class Lens:
         return moved.astype(values.dtype)
 
     def filmed_map(self, values: np.ndarray) -> np.ndarray:
-        """A mask (H, W) bool over the straightened frame in the filmed one's pixels; the inverse of `straight_map`."""
+        """A mask (H, W) bool given over the straightened frame, over the filmed one; the inverse of `straight_map`."""
         if self._maps is None:
             return values
         height, width = values.shape
@@ -55,7 +55,7 @@ class Lens:
         return cv2.remap(values.astype(np.uint8), places[..., 0], places[..., 1], cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT) > 0
 
     def straight_points(self, xy: np.ndarray) -> np.ndarray:
-        """Filmed pixels (..., 2) as those of the pinhole."""
+        """The straightened pixels (..., 2) of filmed pixels xy (..., 2)."""
         if self._maps is None or not xy.size:
             return xy
         criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 1e-9)
@@ -64,7 +64,7 @@ class Lens:
         return moved.reshape(xy.shape)
 
     def straight_box(self, box: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
-        """The box round a filmed box's outline."""
+        """The bounding box (x0, y0, x1, y1) [px] of a filmed box's outline after straightening."""
         x0, y0, x1, y1 = box
         s = np.linspace(0.0, 1.0, 17)
         edges = [np.stack([x0 + (x1 - x0) * s, np.full(17, y)], 1) for y in (y0, y1)]

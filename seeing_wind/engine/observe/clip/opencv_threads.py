@@ -1,4 +1,4 @@
-"""One thread for OpenCV: the work here is many small calls, and a pool of threads makes each of them several times slower."""
+"""One thread for OpenCV: the work here is many small calls, each of which would be several times slower with a pool of threads."""
 
 from __future__ import annotations
 

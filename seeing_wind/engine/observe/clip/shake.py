@@ -1,6 +1,6 @@
-"""A hand-held camera that turns a little: its turns are measured on the surroundings, taken out of the frames, and kept as camera poses.
+"""A hand-held camera that turns a little: its turns are measured on the surroundings, removed from the frames, and kept as camera poses.
 
-A hand's tremble is mostly rotation, whose effect on the frame, the homography K R K^-1, does not depend on how far things are.
+A hand's tremble is mostly rotation, whose effect on the frame, the homography K R K^-1, does not depend on how far away things are.
 """
 
 from __future__ import annotations
@@ -17,28 +17,28 @@ from .stored import Frames, each
 
 LEAST_CORNERS = 8
 LEAST_PART = 0.4
-"""Part of the corners that must move as one for that motion to be the camera's."""
+"""Fraction of the corners that must share a motion for it to be the camera's."""
 
 LEAST_SPAN = 0.4
-"""Part of the frame, along either side, that the middle nine tenths of the corners span: others may all be of one thing that moves."""
+"""Fraction of the frame's width or height that the middle nine tenths of the corners must span: if less, all may be on one moving thing."""
 
 CLOSE = 1.0
-"""Pixels within which a corner agrees with the common motion."""
+"""Distance [px] up to which a corner agrees with the common motion."""
 
 SPIKE = 6.0
-"""Distance of a turn from the middle of its neighbours, in units of the clip's usual one, from which it is a mistake."""
+"""Distance of a turn from the mean of its neighbours, in units of the clip's median one, from which it is a mistake."""
 
 LARGEST_TURN = 0.1
-"""Shift as a part of the frame's width beyond which this is no tremble but a moving camera, whose parallax a turn cannot explain."""
+"""Shift, in units of the frame's width, beyond which the camera does not tremble but moves, with a parallax that turns cannot explain."""
 
 
 def surrounding_corners(gray: np.ndarray, around: np.ndarray, apart: float) -> np.ndarray | None:
-    """Corners (K, 1, 2) [px] of what is around the object, by which a camera's motion is told; None where there is too little.
+    """Corners (K, 1, 2) [px] of the object's surroundings, for measuring the camera's motion; None if there are too few.
 
     Args:
         gray: (H, W) uint8, frame 0.
         around: (H, W) bool, where the object is.
-        apart: least distance of two corners [px].
+        apart: least distance between two corners [px].
     """
     corners = cv2.goodFeaturesToTrack(gray, 200, 0.01, apart, mask=np.where(around, 0, 255).astype(np.uint8))
     if corners is None or len(corners) < LEAST_CORNERS:
@@ -50,8 +50,8 @@ def surrounding_corners(gray: np.ndarray, around: np.ndarray, apart: float) -> n
 def there_and_back(
     first: np.ndarray, gray: np.ndarray, corners: np.ndarray, places: np.ndarray, close: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Where `corners` (K, 1, 2) [px] of the gray frame `first` are in `gray` (H, W) uint8, sought from `places` (K, 1, 2) on, and which of
-    them come back to within `close` [px] if they are followed back again, (K,) bool."""
+    """The places (K, 1, 2) [px] in the frame `gray` of `corners` (K, 1, 2) [px] in `first`, both frames (H, W) uint8, sought from `places`
+    (K, 1, 2); and which of them return to within `close` [px] when they are tracked back, (K,) bool."""
 
     def flow(before: np.ndarray, after: np.ndarray, here: np.ndarray, there: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         found, seen, _ = cv2.calcOpticalFlowPyrLK(
@@ -65,12 +65,12 @@ def there_and_back(
 
 
 def camera_turns(frames: Frames, camera: Camera, around: np.ndarray, progress: Progress, journal: Journal) -> np.ndarray | None:
-    """Rotations (T+1, 3, 3) from each frame's camera axes to those of frame 0; None when turns do not explain the motion.
+    """Rotations (T+1, 3, 3) from each frame's camera axes to those of frame 0; None if rotations do not explain the motion.
 
     Args:
         frames: (T+1, H, W, 3) uint8 RGB.
-        camera: its focal length and centre.
-        around: (H, W) bool, where the object is in frame 0 and corners are not to be trusted.
+        camera: gives the focal length and the centre.
+        around: (H, W) bool, where the object is in frame 0, so that corners there are not used.
     """
     first = cv2.cvtColor(frames[0], cv2.COLOR_RGB2GRAY)
     width = first.shape[1]
@@ -100,9 +100,9 @@ def camera_turns(frames: Frames, camera: Camera, around: np.ndarray, progress: P
 
 
 def without_spikes(turns: np.ndarray, camera: Camera) -> np.ndarray:
-    """Turns (T+1, 3, 3), those that jump away and back in one frame replaced by the middle of their neighbours.
+    """`turns` (T+1, 3, 3), with those that jump away and back in one frame replaced by the mean of their neighbours.
 
-    A hand has mass; where few corners are held on to, a chance agreement of others has none.
+    A hand has mass and cannot jump; but where few corners are left, some may agree by chance on a wrong turn.
     """
     vectors = np.stack([cv2.Rodrigues(turn)[0].ravel() for turn in turns])
     pixels = np.array([camera.fy, camera.fx, 0.5 * camera.width])
@@ -119,7 +119,7 @@ def without_spikes(turns: np.ndarray, camera: Camera) -> np.ndarray:
 
 
 def _turn(here: np.ndarray, there: np.ndarray, camera: Camera) -> np.ndarray:
-    """The rotation that carries the rays of pixels `here` (M, 2) to those of `there` (M, 2): Wahba's problem by SVD, Cauchy weights."""
+    """The rotation (3, 3) from the rays of pixels `here` (M, 2) to those of `there` (M, 2): Wahba's problem, by SVD with Cauchy weights."""
     rays = [
         np.stack([(xy[:, 0] - camera.cx) / camera.fx, (xy[:, 1] - camera.cy) / camera.fy, np.ones(len(xy))], axis=1) for xy in (here, there)
     ]
@@ -135,13 +135,13 @@ def _turn(here: np.ndarray, there: np.ndarray, camera: Camera) -> np.ndarray:
 
 
 def homography(turn: np.ndarray, camera: Camera) -> np.ndarray:
-    """K R K^-1 (3, 3): pixels of a frame to pixels of frame 0."""
+    """K R K^-1 (3, 3), from a frame's pixels to those of frame 0, for the rotation `turn` R (3, 3)."""
     k = np.array([[camera.fx, 0.0, camera.cx], [0.0, camera.fy, camera.cy], [0.0, 0.0, 1.0]])
     return k @ turn @ np.linalg.inv(k)
 
 
 def through(matrix: np.ndarray, xy: np.ndarray) -> np.ndarray:
-    """Points (..., K, 2) through homographies (..., 3, 3)."""
+    """Points xy (..., K, 2) transformed by homographies (..., 3, 3)."""
     out = np.concatenate([xy, np.ones((*xy.shape[:-1], 1))], axis=-1) @ matrix.swapaxes(-1, -2)
     return out[..., :2] / out[..., 2:]
 
@@ -157,14 +157,14 @@ def stabilise(frames: Frames, turns: np.ndarray, camera: Camera, progress: Progr
 
 
 def through_mask(mask: np.ndarray, matrix: np.ndarray) -> np.ndarray:
-    """A mask (H, W) bool through a homography (3, 3)."""
+    """A mask (H, W) bool transformed by a homography (3, 3)."""
     return cv2.warpPerspective(mask.astype(np.uint8), matrix, mask.shape[::-1], flags=cv2.INTER_NEAREST) > 0
 
 
 def as_filmed(
     xy: np.ndarray, masks: Masks, recognised: Recognised | None, turns: np.ndarray, camera: Camera
 ) -> tuple[np.ndarray, Masks, Recognised | None]:
-    """Tracks (T+1, K, 2), masks (T+1, H, W) and recognised points of the steadied frames in the pixels of the filmed ones."""
+    """Tracks (T+1, K, 2), masks (T+1, H, W) and recognised points, from the pixels of the stabilised frames to those of the filmed ones."""
     back = np.stack([np.linalg.inv(homography(turn, camera)) for turn in turns])
     filmed = Masks.of(through_mask(mask, matrix) for mask, matrix in zip(masks, back))
     again = None if recognised is None else recognised.moved(lambda points, frame: through(back[frame], points[:, None])[:, 0])
@@ -172,7 +172,7 @@ def as_filmed(
 
 
 def turning(camera: Camera, turns: np.ndarray) -> Camera:
-    """`camera` with one pose per frame: standing where it stood, turned."""
+    """`camera` with one pose per frame, rotated in place by `turns` (T+1, 3, 3)."""
     poses = np.tile(camera.pose(0), (len(turns), 1, 1))
     poses[:, :3, :3] = poses[:, :3, :3] @ turns
     return replace(camera, camera_to_world=poses)

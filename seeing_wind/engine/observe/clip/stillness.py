@@ -1,4 +1,5 @@
-"""Whether the camera stands still: corners of the surroundings stay, or that explains more of the surroundings than any motion does."""
+"""Whether the camera stands still: corners of the surroundings stay in place, or standing still explains the surroundings better than any
+camera motion does."""
 
 from __future__ import annotations
 
@@ -12,40 +13,40 @@ from .shake import surrounding_corners
 from .stored import Frames
 
 STILL = 1.5
-"""Pixels by which corners of the surroundings may move for the camera to count as standing still; the plate bears as much."""
+"""Distance [px] that corners of the surroundings may move while the camera counts as standing still; the plate tolerates as much."""
 
 CARRIED = 6.0
-"""Pixels by which a camera's path has to move what stands still to be told from its surroundings that stay: a solve is off by some."""
+"""Least motion [px] that a camera's path must predict for still things for still surroundings to contradict it: no path is exact."""
 
 STILL_PART = 0.3
-"""Part of the corners that must stay: the rest may belong to other things that move, while a camera that moves carries all along."""
+"""Fraction of the corners that must stay: the rest may be on other things that move, while a moving camera would carry all of them."""
 
 WIDEST = 640
-"""Pixels along the longer side of the copies in which surroundings are compared."""
+"""Length of the longer side of the copies in which surroundings are compared [px]."""
 
 TELLS = 15.0
-"""Grey levels by which a motion has to change a pixel for that pixel to speak for or against it."""
+"""Least change of a pixel by a motion for the pixel to be evidence for or against that motion [grey levels]."""
 
 TELLING_PART = 0.01
-"""Least part of the frame in such pixels."""
+"""Least fraction of the frame that such pixels must cover."""
 
 STAYS_PART = 2.0 / 3.0
-"""Part of such pixels that standing still has to explain better: of a motion that nothing has, about half are explained worse."""
+"""Fraction of such pixels that standing still must explain better; against a motion that nothing has, it explains about half better."""
 
 BLOCKS = 8
-"""Parts of the frame along each side that count alike: a camera that moves carries all of them, one large thing that moves only some."""
+"""Number of blocks along each side of the frame, which count alike: a moving camera affects all, one large moving thing only some."""
 
 TELLING_BLOCK = 0.02
-"""Least part of a block in pixels that tell for it to count."""
+"""Least fraction of such pixels in a block for it to count."""
 
 
 def stands_still(frames: Frames, camera: Camera, around: np.ndarray) -> bool:
-    """True when the camera does not move over the clip.
+    """Whether the camera stands still over the clip.
 
     Args:
         frames: (T+1, H, W, 3) uint8 RGB.
-        camera: its matrices decide when they say that it moves.
-        around: (H, W) bool, where the object is in frame 0 and corners are not to be trusted.
+        camera: if it has one matrix per frame, the camera moves.
+        around: (H, W) bool, where the object is in frame 0, so that corners there are not used.
     """
     if np.ndim(camera.camera_to_world) == 3:
         return False
@@ -54,7 +55,7 @@ def stands_still(frames: Frames, camera: Camera, around: np.ndarray) -> bool:
     first = cv2.cvtColor(frames[0], cv2.COLOR_RGB2GRAY)
     corners = surrounding_corners(first, around, 8.0)
     if corners is None:
-        # Nothing to hold on to (a plain studio wall, before which another thing may move): a moving camera would still shift what there is.
+        # No corners (a plain studio wall, in front of which another thing may move): a moving camera would still change most pixels.
         return bool(np.median(cv2.absdiff(frames[0], frames[-1])[~around]) < 3)
     moves: dict[int, np.ndarray] = {}
     for t in np.unique(np.linspace(1, len(frames) - 1, 4).astype(int)):
@@ -70,11 +71,11 @@ def stands_still(frames: Frames, camera: Camera, around: np.ndarray) -> bool:
 
 
 def contradicted(frames: Frames, camera: Camera, around: np.ndarray, distance: float) -> Doubt | None:
-    """Said where the poses of `camera` carry what stands still across the view, while the surroundings stay where they are in the frames.
+    """The doubt to report if the poses of `camera` would move still things across the view, but the surroundings do not move there.
 
     Args:
-        frames, around: as of `stands_still`.
-        distance: of the object [m]; what lies much farther away hardly shows that a camera travels.
+        frames, around: as for `stands_still`.
+        distance: the object's [m]; things much farther away hardly show that a camera travels.
     """
     if np.ndim(camera.camera_to_world) != 3:
         return None
@@ -89,14 +90,14 @@ def contradicted(frames: Frames, camera: Camera, around: np.ndarray, distance: f
         return None
     return Doubt(
         1.3,
-        f"The camera's path carries what stands still by {most:.0f} px, but the surroundings do not move in the frames, so the object is "
+        f"By the camera's path, still things would move by {most:.0f} px, but the surroundings do not move in the frames, so the object is "
         "taken to move along with the camera.",
         "Give the --camera of this clip, or none if it stood still. If all that is seen round it is far away, this may be right.",
     )
 
 
 def _most_shared(here: np.ndarray, there: np.ndarray) -> np.ndarray | None:
-    """The similarity (2, 3) that carries most of the points `here` (K, 2) [px] to `there` (K, 2), as a camera's motion would."""
+    """The similarity (2, 3) that moves most of the points `here` (K, 2) [px] to `there` (K, 2), as a camera would; None if none does."""
     if len(here) < 3:
         return None
     cv2.setRNGSeed(0)
@@ -105,9 +106,9 @@ def _most_shared(here: np.ndarray, there: np.ndarray) -> np.ndarray | None:
 
 
 def _stays(frames: Frames, moves: dict[int, np.ndarray], around: np.ndarray) -> bool:
-    """Whether more of the surroundings looks as if the camera had stood still than as if it had made the `moves` (2, 3), by their frames.
+    """Whether the surroundings look more as if the camera had stood still than as if it had made the `moves`, maps (2, 3) by frame.
 
-    Sharp corners may all be of things that move, each by itself, while what is out of focus behind them stays and has none.
+    All sharp corners may be on things that move by themselves, while the background is out of focus, without corners, and still.
     """
     height, width = around.shape
     scale = min(1.0, WIDEST / max(height, width))

@@ -1,4 +1,4 @@
-"""Decoded frames on disk instead of in memory: a clip's length costs room in the folder for temporary files, not in memory."""
+"""Decoded frames on disk: a long clip takes up room in the folder for temporary files, not in memory."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class StoredFrames:
         """Add a `frame` (H, W, 3) uint8 RGB at the end.
 
         Raises:
-            SeeingWindError: the disk of the temporary folder is full, or no file may be as large.
+            SeeingWindError: the disk of the temporary folder is full, or a file may not be so large.
         """
         rest = np.ascontiguousarray(frame, dtype=np.uint8).reshape(-1).data
         try:
@@ -100,10 +100,10 @@ Frames = np.ndarray | StoredFrames
 
 
 def each(frames: Frames, function: Callable[[int, np.ndarray], np.ndarray], progress: Progress) -> StoredFrames:
-    """`function(t, frame)`, of the frame's own size, of every frame, on disk again.
+    """`function(t, frame)` for every frame, again stored on disk; it must keep the frame's size.
 
     Raises:
-        SeeingWindError: as `StoredFrames.append`. Cancelled: between frames.
+        SeeingWindError: see `StoredFrames.append`. Cancelled: between frames.
     """
     out = StoredFrames(*frames.shape[1:3])
     for t in range(len(frames)):
@@ -113,5 +113,5 @@ def each(frames: Frames, function: Callable[[int, np.ndarray], np.ndarray], prog
 
 
 def some_of(count: int, most: int) -> np.ndarray:
-    """At most so many of the numbers below `count`, ascending: the first, the last, and others spread evenly between."""
+    """At most `most` of the numbers from 0 to `count` - 1, ascending: the first, the last, and others spread evenly between them."""
     return np.unique(np.linspace(0, count - 1, min(most, count)).astype(int))

@@ -1,4 +1,4 @@
-"""`transforms.json`, the camera file of nerfstudio and instant-ngp, mostly made from a COLMAP reconstruction, as a camera of this house.
+"""Converting `transforms.json`, the camera file of nerfstudio and instant-ngp, usually made from a COLMAP reconstruction.
 
 Their cameras look along -z with y up; pixel (0, 0) has its centre at (0.5, 0.5). Here z is forward, y down, and centres are at integers.
 """
@@ -15,23 +15,23 @@ import numpy as np
 from ...errors import UsageError
 
 PINHOLES = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "")
-"""Camera models whose distortion is OpenCV's five-number model, or none; a fish-eye is another formula."""
+"""Camera models whose distortion is OpenCV's five-number model, or none; a fish-eye follows another formula."""
 
 LENS = ("k1", "k2", "p1", "p2", "k3")
 
 SHOWN = 60
-"""Characters of a wrong value that a message shows."""
+"""How many characters of a wrong value a message shows."""
 
 
 def number_in(path: str, key: str, value: Any) -> float:
-    """A number of a camera file. Raises UsageError for text, or one that is not finite; `key` is where it stands."""
+    """The number `value` of a camera file, found under `key`. Raises UsageError if it is not a number, or not finite."""
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
         raise UsageError(f"The camera {path}: {key} is {json.dumps(value)[:SHOWN]}.", "Write a finite number, without quotes.")
     return float(value)
 
 
 def matrices_in(path: str, key: str, value: Any) -> np.ndarray:
-    """Nested lists of numbers of a camera file as an array. Raises UsageError as `number_in`, and for lists of unequal lengths."""
+    """Nested lists of numbers of a camera file as an array. Raises UsageError as `number_in` does, and for lists of unequal lengths."""
 
     def numbers(key: str, value: Any) -> Any:
         nested = isinstance(value, list)
@@ -45,12 +45,12 @@ def matrices_in(path: str, key: str, value: Any) -> np.ndarray:
 
 
 def is_transforms(values: dict[str, Any]) -> bool:
-    """Whether a camera file's object is a `transforms.json`."""
+    """Whether the object of a camera file is that of a `transforms.json`."""
     return isinstance(values.get("frames"), list)
 
 
 def from_transforms(path: str, values: dict[str, Any], width: int, height: int) -> dict[str, Any]:
-    """The keys of this house's camera file (width height fx fy cx cy camera_to_world and the lens's) from a `transforms.json`.
+    """The values of a `transforms.json` under this project's keys: width height fx fy cx cy camera_to_world, and the lens's.
 
     Raises:
         UsageError: a fish-eye, focal lengths that are missing or differ between frames, or frames without a matrix.
@@ -65,11 +65,11 @@ def from_transforms(path: str, values: dict[str, Any], width: int, height: int) 
         raise UsageError(f"{path} has a frame without transform_matrix.", "Export it again from nerfstudio or COLMAP.")
     own = [{key: frame[key] for key in ("fl_x", "fl_y", "cx", "cy", "w", "h", *LENS) if key in frame} for frame in frames]
     if any(one != own[0] for one in own):
-        raise UsageError(f"{path} has another lens in some frames.", "Give a clip that was filmed without zooming.")
+        raise UsageError(f"{path} has different lenses in some frames.", "Give a clip that was filmed without zooming.")
     lens = {**values, **own[0]}
     lens |= {key: number_in(path, key, lens[key]) for key in ("fl_x", "fl_y", "cx", "cy", "w", "h", "camera_angle_x") if key in lens}
     size = (int(lens.get("w", width)), int(lens.get("h", height)))
-    # A file made from smaller copies of the frames is still theirs.
+    # The file may have been made from smaller copies of the frames.
     scale = width / size[0]
     if abs(size[1] * scale - height) > 1.0:
         raise UsageError(f"{path} is for {size[0]}x{size[1]} frames, the clip has {width}x{height}.", "Use the camera of this clip.")
@@ -100,5 +100,5 @@ def _focal(path: str, lens: dict[str, Any], width: int) -> float:
 
 
 def _natural(name: str) -> list[Any]:
-    """Sorts frame_10 after frame_9."""
+    """A sort key that puts frame_10 after frame_9."""
     return [(0, int(part), "") if part.isdigit() else (1, 0, part) for part in re.split(r"(\d+)", name)]

@@ -14,10 +14,10 @@ import cv2
 from ...errors import MissingPackage, TakeError
 
 CODECS = ("avc1", "mp4v", "vp09")
-"""H.264 where OpenCV's FFmpeg has an encoder for it, else MPEG-4 part 2 (Blender and players play it, browsers do not), else VP9, which
-OpenCV lets encode only at its slowest: 0.22 processor seconds a frame of 720x1280, thirteen times those of MPEG-4, and half of a job."""
+"""H.264 if OpenCV's FFmpeg has an encoder for it, else MPEG-4 part 2 (Blender and players play it, browsers do not), else VP9, which OpenCV
+only encodes at its slowest: 0.22 processor seconds for a frame of 720x1280, thirteen times as long as MPEG-4, and half of a job."""
 LEAST_SPACE = 100_000
-"""Bytes without which no video can be begun."""
+"""Free space needed to begin a video [bytes]."""
 
 
 @contextlib.contextmanager
@@ -25,9 +25,9 @@ def video_writer(path: Path, fps: float, size: tuple[int, int]) -> Iterator[cv2.
     """A video writer with the first codec that this OpenCV has.
 
     Raises:
-        MissingPackage: when it has none.
-        TakeError: when what was written cannot be read.
-        OSError: when the disk is full.
+        MissingPackage: OpenCV has none of the codecs.
+        TakeError: the written video cannot be read.
+        OSError: the disk is full.
     """
     with _quiet():
         for codec in CODECS:
@@ -43,18 +43,18 @@ def video_writer(path: Path, fps: float, size: tuple[int, int]) -> Iterator[cv2.
         yield writer
     finally:
         writer.release()
-    # OpenCV says nothing of a disk that fills up while it writes: such a video lacks its table of contents, and no player opens it.
+    # OpenCV does not report a disk that fills up while it writes: such a video lacks its table of contents, and no player opens it.
     if not cv2.VideoCapture(str(path)).read()[0]:
         if shutil.disk_usage(path.parent).free < LEAST_SPACE:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
-        raise TakeError("What the encoder left is no video that can be read.", "Free some space or choose another folder.")
+        raise TakeError("The video that the encoder wrote cannot be read.", "Free some space or choose another folder.")
 
 
 @contextlib.contextmanager
 def _quiet() -> Iterator[None]:
-    """Silence OpenCV, which logs an error of its own for every codec it lacks.
+    """Silence OpenCV, which logs an error for every codec that it lacks.
 
-    The functions moved to `cv2.utils.logging` in 4.12; 4.11 has them in `cv2` only.
+    The logging functions moved to `cv2.utils.logging` in 4.12; 4.11 has them in `cv2` only.
     """
     log = getattr(getattr(cv2, "utils", None), "logging", cv2)
     level = log.getLogLevel()

@@ -27,7 +27,7 @@ class Follower(Protocol):
     mask: np.ndarray
     """(H, W) bool, of the newest frame."""
     flow: Flow | None
-    """Motion from the frame before to the newest one; None where the object was hidden before."""
+    """Motion from the frame before to the newest one; None if the object was hidden before, and possibly if it is hidden now."""
 
     def advance(self, frame: np.ndarray) -> np.ndarray:
         """The mask (H, W) bool of the next `frame` (H, W, 3) uint8 RGB; all False when the object is hidden or gone."""

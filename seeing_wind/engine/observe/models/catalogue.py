@@ -12,7 +12,7 @@ CONVERT = (
     'python -c "import torch, safetensors.torch as s; '
     "s.save_file(torch.load('scaled_offline.pth', weights_only=True), 'model.safetensors')\""
 )
-"""CoTracker's authors publish a pickle, which is not read here: the user turns it into safetensors once."""
+"""CoTracker's authors publish a pickle, which is never read here: the user converts it to safetensors once."""
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,7 @@ class Known:
     task: str
     """depth, detector, mask or tracks: the option `--TASK-model` takes it."""
     name: str
-    """On the Hugging Face hub."""
+    """Its name on the Hugging Face hub."""
     licence: str
     commercial: bool
     """Whether the licence allows commercial use."""
@@ -66,12 +66,12 @@ KNOWN = (
 
 
 def known(name: str) -> Known | None:
-    """The entry of a published model's name."""
+    """The entry of the published model `name`, None if it is not in the catalogue."""
     return next((entry for entry in KNOWN if entry.name.lower() == name.lower()), None)
 
 
 def cached(name: str) -> Path | None:
-    """Where the hub's cache holds `name`, None if it does not (or the hub's package is not installed). Never goes online."""
+    """The folder of the model `name` in the hub's cache; None if it is not there, or without the hub's package. Never goes online."""
     if importlib.util.find_spec("huggingface_hub") is None:
         return None
     from huggingface_hub import snapshot_download

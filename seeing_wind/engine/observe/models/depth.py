@@ -24,7 +24,7 @@ HALF = ((0.5, 0.5, 0.5), (0.5, 0.5, 0.5))
 TRANSFORMERS = f"Install it: {extra('models')}."
 
 ODD_VIEW = 1.15
-"""Ratio between the field of view that a network sees and the camera's from which the user is told."""
+"""Ratio between the focal length that a network estimates and the camera's from which the user is warned."""
 
 
 def predict_depth(name: str, frame: np.ndarray, focal: float, progress: Progress) -> np.ndarray:
@@ -36,7 +36,7 @@ def predict_depth(name: str, frame: np.ndarray, focal: float, progress: Progress
 
     Raises:
         WrongModel: no such model, wrong files, or a model of relative depth. ModelError: a depth that is not positive and finite.
-        MissingPackage: what runs the model is not installed.
+        MissingPackage: a package that the model needs is not installed.
     """
     progress.begin("observe", f"depth by {name}")
     folder = find(name, "depth")
@@ -61,7 +61,8 @@ def predict_depth(name: str, frame: np.ndarray, focal: float, progress: Progress
 
 
 def network_input(frame: np.ndarray, width: int, height: int, folder: Path, default: Any) -> torch.Tensor:
-    """`frame` (H, W, 3) uint8 as the network wants it: (1, 3, height, width) float32, mean and deviation from the folder or `default`."""
+    """`frame` (H, W, 3) uint8 as a network's input (1, 3, height, width) float32, normalised by the mean and standard deviation in the
+    folder's `preprocessor_config.json`, or else by `default`."""
     mean, deviation = default
     place = folder / "preprocessor_config.json"
     if place.is_file():
@@ -84,7 +85,7 @@ def _depth_anything(folder: Path, config: dict[str, Any], frame: np.ndarray) -> 
         raise WrongModel(f"{folder} gives relative depth, which has no scale.", "Use a Metric-Indoor or Metric-Outdoor version of it.")
     kind = package("transformers", TRANSFORMERS).DepthAnythingForDepthEstimation
     model = load(kind, folder, "Depth-Anything-V2-Metric")
-    # The authors' size: 518 along the shorter side, both multiples of the patch.
+    # The authors' size: 518 along the shorter side, and both sides multiples of the patch.
     patch, side = int(config.get("patch_size", 14)), int(model.config.backbone_config.image_size)
     scale = side / min(frame.shape[:2])
     width, height = (max(patch, round(length * scale / patch) * patch) for length in frame.shape[1::-1])
@@ -107,14 +108,14 @@ def _depth_pro(folder: Path, config: dict[str, Any], frame: np.ndarray, focal: f
 
 
 def _depth_pro_side(config: dict[str, Any]) -> int:
-    """Pixels along the square frame that Depth Pro wants: 1536 in the published model."""
+    """Side [px] of the square frame that Depth Pro takes: 1536 in the published model."""
     ratios = config.get("scaled_images_ratios") or [0.25, 0.5, 1]
     return round(int(config.get("patch_size", 384)) / min(ratios))
 
 
 def _unidepth(folder: Path, config: dict[str, Any], frame: np.ndarray, focal: float) -> np.ndarray:
     entry = known("lpiccinelli/unidepth-v2-vits14")
-    # What the authors' code prints must not get among the engine's messages.
+    # The output of the authors' code must not get among the engine's messages.
     with contextlib.redirect_stdout(sys.stderr):
         package("unidepth", entry.how if entry else "")
         kind = getattr(importlib.import_module("unidepth.models"), str(config["model"]["name"]), None)

@@ -1,6 +1,6 @@
-"""Talking to a vision-language model behind any OpenAI-compatible endpoint (`POST URL/chat/completions`), local ones included.
+"""Asking a vision-language model behind any OpenAI-compatible endpoint (`POST URL/chat/completions`), also a local one.
 
-Only the standard library is used. The key comes from the environment and is never written anywhere, nor sent where it could be read.
+Only the standard library is used. The key comes from the environment; it is never written anywhere, nor sent unencrypted to other machines.
 """
 
 from __future__ import annotations
@@ -28,21 +28,21 @@ KEY_VARIABLE = "SEEING_WIND_MATERIAL_KEY"
 """Environment variable with the endpoint's key. A name of its own: a key meant for one service must not reach another by habit."""
 
 TIMEOUT = 120.0
-"""Seconds until an answer must be there: a local model on a CPU takes a minute for a frame."""
+"""Time within which an answer must arrive [s]: a local model on a CPU takes a minute for a frame."""
 
 LARGEST_ANSWER = 1_000_000
-"""Bytes of an answer that are read."""
+"""Largest answer that is read [bytes]."""
 
 LONGEST_SIDE = 1024
-"""Pixels along a sent frame's longer side: models scale larger ones down themselves."""
+"""Length of a sent frame's longer side [px]: models scale larger frames down themselves."""
 
 POLL = 0.2
-"""Seconds between looks whether the user wants to stop."""
+"""Time between checks for cancellation [s]."""
 
 
 @dataclass(frozen=True)
 class Endpoint:
-    """Where to ask, and whom."""
+    """The address of a server, and the model to ask there."""
 
     url: str
     """Base address such as http://localhost:11434/v1."""
@@ -59,7 +59,7 @@ def endpoint_of(url: str, model: str) -> Endpoint:
     """The endpoint at `url`, with the key of `SEEING_WIND_MATERIAL_KEY` if that is set.
 
     Raises:
-        UsageError: no http(s) address, credentials inside it, or a key that would travel unencrypted to another machine.
+        UsageError: not an http(s) address, credentials or a query in it, or a key that would travel unencrypted to another machine.
     """
     try:
         parts = urllib.parse.urlsplit(url)
@@ -88,7 +88,7 @@ def ask(endpoint: Endpoint, question: str, images: list[np.ndarray], progress: P
     """The model's answer to `question` about `images` ((H, W, 3) uint8 RGB each), as text.
 
     Raises:
-        ModelError: no connection, an error from the server, or an answer that is not one.
+        ModelError: no connection, an error from the server, or an answer that is not a chat completion.
     """
     content: list[dict[str, Any]] = [{"type": "text", "text": question}]
     content += [{"type": "image_url", "image_url": {"url": data_url(image)}} for image in images]
@@ -97,7 +97,7 @@ def ask(endpoint: Endpoint, question: str, images: list[np.ndarray], progress: P
 
 
 def data_url(image: np.ndarray) -> str:
-    """An image (H, W, 3) uint8 RGB as a JPEG data address, no larger than `LONGEST_SIDE`."""
+    """An image (H, W, 3) uint8 RGB as a JPEG in a data URL, reduced to `LONGEST_SIDE`."""
     scale = min(1.0, LONGEST_SIDE / max(image.shape[:2]))
     if scale < 1.0:
         image = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
@@ -107,13 +107,13 @@ def data_url(image: np.ndarray) -> str:
 
 
 def _waiting(call: Any, progress: Progress) -> bytes:
-    """`call()` in a thread of its own, so that the user can stop while a slow model thinks."""
+    """The result of `call()`, run in a thread of its own so that the user can cancel while a slow model computes."""
     outcome: list[Any] = []
 
     def work() -> None:
         try:
             outcome.append(call())
-        except BaseException as error:  # handed over to the thread that waits
+        except BaseException as error:  # raised again in the thread that waits
             outcome.append(error)
 
     thread = threading.Thread(target=work, daemon=True)
@@ -127,7 +127,7 @@ def _waiting(call: Any, progress: Progress) -> bytes:
 
 
 class _NoRedirect(urllib.request.HTTPRedirectHandler):
-    """A redirect would carry frame and key to an address that the user has not named."""
+    """Refuses redirects, which would send frame and key to an address that the user has not named."""
 
     def redirect_request(self, *_: Any, **__: Any) -> None:
         return None
@@ -141,7 +141,7 @@ def _post(endpoint: Endpoint, body: dict[str, Any]) -> bytes:
     check = "Check that the address and the model's name are right and that the server runs."
     handlers: list[Any] = [_NoRedirect]
     if _is_here(urllib.parse.urlsplit(endpoint.url).hostname or ""):
-        handlers.append(urllib.request.ProxyHandler({}))  # no proxy knows this machine's own servers
+        handlers.append(urllib.request.ProxyHandler({}))  # a proxy cannot reach this machine's own servers
     try:
         with urllib.request.build_opener(*handlers).open(request, timeout=TIMEOUT) as answer:
             data = answer.read(LARGEST_ANSWER + 1)
@@ -160,13 +160,14 @@ def _post(endpoint: Endpoint, body: dict[str, Any]) -> bytes:
 
 
 def _text(endpoint: Endpoint, data: bytes) -> str:
-    """The text of the first choice."""
+    """The text of the first choice in a chat completion."""
     try:
         text = parse_json(data)["choices"][0]["message"]["content"]
     except (ValueError, KeyError, IndexError, TypeError):
         text = None
     if not isinstance(text, str):
         raise ModelError(
-            f"What {endpoint.name} answers is no chat completion.", "Give the address of an OpenAI-compatible server, mostly ending in /v1."
+            f"The answer of {endpoint.name} is no chat completion.",
+            "Give the address of an OpenAI-compatible server, which usually ends in /v1.",
         )
     return text

@@ -1,4 +1,4 @@
-"""Loading a model from a local folder or the hub's cache. Weights are safetensors and code is that of installed packages."""
+"""Loading a model from a local folder or the hub's cache. Weights are safetensors, and the code is that of installed packages."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ PICKLES = (".bin", ".pth", ".pt", ".ckpt", ".pkl")
 
 
 def package(name: str, how: str) -> Any:
-    """An optional package's module.
+    """The module of an optional package.
 
     Raises:
-        MissingPackage: it is not installed; `how` says what to do.
+        MissingPackage: it is not installed; `how` tells the user what to do.
     """
     if importlib.util.find_spec(name) is None:
         raise MissingPackage(f"The package {name} is not installed in the engine's environment.", how)
@@ -31,14 +31,14 @@ def package(name: str, how: str) -> Any:
 
 
 def find(name: str, task: str) -> Path:
-    """The folder of the model that `name` (a folder, or a name on the hub) says.
+    """The folder of the model `name`, which is a folder itself or a name on the hub; `task`: what the model is for, see `Known.task`.
 
     Raises:
-        WrongModel: no such folder, not in the cache, or no weights that may be read in it; says how to get it.
+        WrongModel: no such folder, not in the cache, or no safetensors in it; the hint says how to get the model.
     """
     entry = known(name)
     folder = Path(name)
-    if not os.path.isdir(name):  # unlike Path's, it takes a name that no file system allows
+    if not os.path.isdir(name):  # unlike Path's, it accepts names that no file system allows
         found = cached(name) if name.count("/") == 1 and not name.startswith((".", "/", "~")) else None
         if found is None:
             wanted = entry.how if entry else f"Known for this: {', '.join(one.name for one in KNOWN if one.task == task)}."
@@ -64,15 +64,15 @@ def config_of(folder: Path) -> dict[str, Any]:
     except (OSError, ValueError) as error:
         raise WrongModel(f"The folder {folder} has no readable config.json ({error}).", "Copy all files of the model.") from error
     if not isinstance(values, dict):
-        raise WrongModel(f"config.json of {folder} is no object.", "Copy all files of the model.")
+        raise WrongModel(f"config.json of {folder} is not a JSON object.", "Copy all files of the model.")
     return values
 
 
 def load(kind: Any, folder: Path, wanted: str) -> Any:
-    """A transformers model of the class `kind` with the weights of `folder`, ready to be asked.
+    """A transformers model of the class `kind` with the weights in `folder`, ready for inference.
 
     Raises:
-        WrongModel: files of another model (`wanted` names the right one), damaged, or incomplete weights, which transformers would
+        WrongModel: files of another model (`wanted` names the right one), damaged files, or incomplete weights, which transformers would
             fill with random numbers.
     """
     try:
@@ -91,10 +91,10 @@ def load(kind: Any, folder: Path, wanted: str) -> Any:
 
 
 def load_plain(model: Any, folder: Path, wanted: str) -> Any:
-    """A plain torch module of an authors' package, filled with the folder's safetensors, ready to be asked.
+    """`model`, a plain torch module from its authors' package, with the folder's safetensors loaded, ready for inference.
 
     Raises:
-        WrongModel: damaged weights, or those of another model.
+        WrongModel: damaged weights, or those of another model than `wanted`.
     """
     from safetensors.torch import load_file
 
@@ -109,7 +109,7 @@ def load_plain(model: Any, folder: Path, wanted: str) -> Any:
 
 @contextlib.contextmanager
 def quiet() -> Iterator[None]:
-    """Transformers without its progress bars and notes."""
+    """Silence the progress bars and notes of transformers inside the `with`."""
     from transformers.utils import logging
 
     before, bars = logging.get_verbosity(), logging.is_progress_bar_enabled()

@@ -1,7 +1,7 @@
-"""What the object is made of, asked of a vision-language model (paper, section 3.1): first its type, then the properties of that type.
+"""The object's material from a vision-language model (paper, section 3.1): first its type, then the properties of that type.
 
-An answer is one JSON object with exactly the wanted keys. It is checked against physical ranges; one that fails is sent back once with
-the reason. Answers that passed are kept in the take, so that the same frame is not asked about again.
+An answer is one JSON object with exactly the wanted keys. It is checked against physical ranges; if it fails, it is sent back once with the
+reason. Accepted answers are kept in the take, so that the model is not asked about the same frame again.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from ...take import Take, stamp_of
 from .endpoint import Endpoint, ask
 
 VERSION = 1
-"""Part of the key of a kept answer: raise it when the questions change."""
+"""Part of the key of a kept answer; to be raised when the questions change."""
 
 FILE = "materials.json"
 """Where a take keeps the answers."""
@@ -40,15 +40,15 @@ RANGES = {
     "yield_stress": (1.0, 1e10),
     "viscosity": (1e-2, 1e14),
 }
-"""What a number may be, SI: aerogels to osmium, soft gels to diamond. Auxetics (nu < 0) are no everyday materials."""
+"""Accepted ranges, SI: from aerogels to osmium, and from soft gels to diamond. Auxetics (nu < 0) are not everyday materials."""
 
 STIFF = 5e8
-"""Pa from which an elastic body is given the corotated law, which suits small strains; neo-Hookean below."""
+"""Young's modulus [Pa] above which an elastic body gets the corotated law, which suits small strains; below, neo-Hookean."""
 
 ATTEMPTS = 2
 
 CROP_MARGIN = 0.25
-"""How much of the object's size the crop shows round it: context tells a leaf from a painted one."""
+"""Margin of the crop round the object, in units of the object's size: the context tells a leaf from a painted one."""
 
 WHAT = """The first image is a frame of a video, the second one shows the object of interest in it, cut out of the same frame.
 What is this object, and what is it mainly made of? Answer with one JSON object and nothing else, with exactly these keys:
@@ -66,7 +66,7 @@ AGAIN = "\nYour last answer was refused: REASON Answer again."
 
 @dataclass(frozen=True)
 class Estimate:
-    """A material as the model sees it."""
+    """A material as the model estimates it."""
 
     object: str
     material: str
@@ -78,23 +78,23 @@ class Estimate:
     """Pa."""
     poisson_ratio: float
     yield_stress: float | None
-    """Pa; None for elastic ones."""
+    """Pa; None for elastic materials."""
     viscosity: float | None
-    """Pa s; viscoplastic ones only."""
+    """Pa s; None for all but viscoplastic materials."""
 
     @property
     def law(self) -> str:
-        """The constitutive law that stands for the type."""
+        """The constitutive law for the type."""
         if self.type == "elastic":
             return "corotated" if self.youngs_modulus > STIFF else "neo_hookean"
         return "von_mises" if self.type == "elastoplastic" else "viscoplastic"
 
 
 def estimate(endpoint: Endpoint, frame: np.ndarray, mask: np.ndarray, progress: Progress) -> Estimate:
-    """Ask what the object in `mask` (H, W) bool of `frame` (H, W, 3) uint8 RGB is, then what such a thing's properties are.
+    """Ask what the object in `mask` (H, W) bool of `frame` (H, W, 3) uint8 RGB is, then what properties such a thing has.
 
     Raises:
-        ModelError: the endpoint does not answer, or twice with something that is not wanted.
+        ModelError: the endpoint does not answer, or gives two unusable answers to a question.
     """
     crop = crop_object(frame, mask)
     what = checked(endpoint, WHAT, [frame, crop], check_what, progress)
@@ -102,7 +102,8 @@ def estimate(endpoint: Endpoint, frame: np.ndarray, mask: np.ndarray, progress: 
 
 
 def properties(endpoint: Endpoint, what: dict[str, str], crop: np.ndarray, progress: Progress) -> Estimate:
-    """The second question: properties of the object of type `what` (object, material, type) that `crop` (h, w, 3) shows."""
+    """Ask the second question: the properties of the object that `crop` (h, w, 3) uint8 RGB shows and `what` (object, material, type)
+    describes. Raises as `estimate` does."""
     question = PROPERTIES
     for key in ("object", "material", "type"):
         question = question.replace(key.upper(), what[key])
@@ -111,15 +112,18 @@ def properties(endpoint: Endpoint, what: dict[str, str], crop: np.ndarray, progr
 
 
 def crop_object(frame: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """The part of `frame` (H, W, 3) round the object in `mask` (H, W)."""
+    """The part of `frame` (H, W, 3) round the object in `mask` (H, W) bool, with `CROP_MARGIN`."""
     x0, y0, x1, y1 = box_of(mask)
     return frame[rows_columns(box_of(mask, max(8, round(CROP_MARGIN * (max(x1 - x0, y1 - y0) - 1)))))]
 
 
 def checked(endpoint: Endpoint, question: str, images: list[np.ndarray], check: Callable[[Any], Any], progress: Progress) -> Any:
-    """`check` of the JSON object that answers `question`; a refused answer is sent back once with the reason.
+    """`check(answer)` for the JSON object that answers `question`; a refused answer is sent back once with the reason.
 
-    `check` raises ValueError with a sentence for the model where an answer is not what was asked.
+    `check` raises ValueError with a sentence for the model if the answer is not what was asked for.
+
+    Raises:
+        ModelError: the endpoint does not answer, or both answers are refused.
     """
     reason = ""
     for _ in range(ATTEMPTS):
@@ -140,7 +144,7 @@ def _parse(text: str) -> Any:
 
 
 def exact_keys(values: Any, keys: tuple[str, ...]) -> dict[str, Any]:
-    """`values` if it is an object with exactly these keys."""
+    """`values` if it is an object with exactly these `keys`; else raises ValueError."""
     if not isinstance(values, dict):
         raise ValueError("it is not a JSON object.")
     if set(values) != set(keys):
@@ -149,7 +153,7 @@ def exact_keys(values: Any, keys: tuple[str, ...]) -> dict[str, Any]:
 
 
 def check_what(values: Any) -> dict[str, str]:
-    """The answer to the first question."""
+    """The answer to the first question, checked; raises ValueError with the reason if it is refused."""
     values = exact_keys(values, ("object", "material", "type"))
     for key, value in values.items():
         if not isinstance(value, str) or not value.strip() or len(value) > 80 or not value.isprintable():
@@ -160,7 +164,7 @@ def check_what(values: Any) -> dict[str, str]:
 
 
 def check_properties(values: Any, kind: str) -> dict[str, float | None]:
-    """The answer to the second question, for a material of type `kind`."""
+    """The answer to the second question for a material of type `kind`, checked; raises ValueError with the reason if it is refused."""
     values = exact_keys(values, tuple(RANGES))
     wanted = {"density", "youngs_modulus", "poisson_ratio"}
     wanted |= {"yield_stress"} if kind != "elastic" else set()
@@ -183,7 +187,7 @@ def check_properties(values: Any, kind: str) -> dict[str, float | None]:
 
 
 def kept_estimate(take: Take, endpoint: Endpoint, frame: np.ndarray, mask: np.ndarray, progress: Progress) -> Estimate:
-    """As `estimate`, but an answer that this take holds already, for the same frame, mask and model, is not asked for again."""
+    """The same as `estimate`, but an answer for the same frame, mask and model that the take already holds is used again."""
     key = stamp_of("material", VERSION, endpoint.url, endpoint.model, np.ascontiguousarray(frame), np.ascontiguousarray(mask))
     try:
         kept = take.read_json(FILE) if take.file(FILE).is_file() else {}
@@ -205,9 +209,9 @@ def kept_estimate(take: Take, endpoint: Endpoint, frame: np.ndarray, mask: np.nd
 def ask_material(
     take: Take, endpoint: Endpoint, observation: Observation, settings: BuildSettings, progress: Progress
 ) -> tuple[BuildSettings, list[str]]:
-    """`settings` with the model's numbers for the observed object; numbers that the user gave win. And notes for the result.
+    """`settings` with the model's numbers for the observed object, and notes for the result. The user's own numbers take precedence.
 
-    Where the endpoint does not answer, or answers nonsense, the settings' own material stays, and a warning and a note say so.
+    If the endpoint does not answer, or gives no usable answer, the settings' own material stays, and a warning and a note say so.
     """
     progress.begin("material", f"asking {endpoint.name} what the object is made of")
     try:
@@ -222,7 +226,7 @@ def ask_material(
 
 
 def with_estimate(settings: BuildSettings, found: Estimate, by: str) -> BuildSettings:
-    """`settings` where the user gave no number of their own filled from `found`, which `by` (a name) estimated."""
+    """`settings` with the numbers that the user did not give filled in from `found`, which was estimated by the model named `by`."""
     values = {name: getattr(found, name) for name in ("law", *RANGES)}
     missing = {name: value for name, value in values.items() if getattr(settings, name) is None and value is not None}
     return replace(settings, **missing, estimated_material=found.material, estimated_by=f"{found.object}, by {by}")

@@ -1,4 +1,4 @@
-"""The object from words, as the paper finds it: Grounding DINO gives a box, SAM 2 the mask in it, and follows it through the clip."""
+"""The object from words, as in the paper: Grounding DINO gives a box, and SAM 2 the mask in it, which it follows through the clip."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from .depth import IMAGENET, TRANSFORMERS, network_input
 from .folders import config_of, find, load, package, quiet
 
 LEAST_SCORE = 0.25
-"""Confidence from which a box counts as found; the value of the authors' demo."""
+"""Confidence from which a box counts as found; the value in the authors' demo."""
 
 SHORT_SIDE, LONG_SIDE = 800, 1333
-"""Pixels to which Grounding DINO's frames are scaled: the shorter side, unless the longer one gets too long."""
+"""Size to which frames are scaled for Grounding DINO [px]: that of the shorter side, unless the longer side would exceed LONG_SIDE."""
 
 ONE = 1
-"""The only object's number in a SAM 2 session."""
+"""The number of the only object in a SAM 2 session."""
 
 
 def find_box(name: str, text: str, frame: np.ndarray, progress: Progress) -> tuple[float, float, float, float]:
-    """The box x0 y0 x1 y1 [px] of what `text` says in `frame` (H, W, 3) uint8 RGB, the most certain one.
+    """The most certain box x0 y0 x1 y1 [px] in `frame` (H, W, 3) uint8 RGB of what `text` describes.
 
     Raises:
-        WrongModel: no such model or wrong files. ObjectError: nothing in the frame is that. MissingPackage: transformers is missing.
+        WrongModel: no such model or wrong files. ObjectError: nothing in the frame matches. MissingPackage: transformers is missing.
     """
     progress.begin("observe", f"looking for '{text}'")
     folder = find(name, "detector")
@@ -66,7 +66,7 @@ class MaskModel:
     """SAM 2 over one clip: a mask in frame 0 from a box or from another mask, then frame by frame."""
 
     def __init__(self, name: str) -> None:
-        """Load it.
+        """Load the model.
 
         Raises:
             WrongModel: no such model or wrong files. MissingPackage: transformers is missing.
@@ -80,15 +80,15 @@ class MaskModel:
         self._session: Any = None
 
     def in_box(self, frame: np.ndarray, box: tuple[float, float, float, float]) -> np.ndarray:
-        """The mask (H, W) bool of the object in `box` (x0 y0 x1 y1 [px]) of `frame` (H, W, 3) uint8 RGB; starts a clip with it."""
+        """The mask (H, W) bool of the object in `box` (x0 y0 x1 y1 [px]) of `frame` (H, W, 3) uint8 RGB; starts a new clip with it."""
         return self._prompt(frame, np.array(box).reshape(2, 2), [2, 3])
 
     def at_points(self, frame: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """The mask (H, W) bool of the object that `points` (P, 2) [px] of `frame` (H, W, 3) uint8 RGB lie on; starts a clip with it."""
+        """The mask (H, W) bool of the object at `points` (P, 2) [px] of `frame` (H, W, 3) uint8 RGB; starts a new clip with it."""
         return self._prompt(frame, points, [1] * len(points))
 
     def _prompt(self, frame: np.ndarray, points: np.ndarray, labels: list[int]) -> np.ndarray:
-        """`labels` say what each point is: 1 on the object, 2 and 3 the corners of a box round it."""
+        """The mask (H, W) bool for `points` (P, 2) [px]; `labels`: 1 for a point on the object, 2 and 3 for corners of a box round it."""
         height, width = self._start(frame)
         # Pixel centres are at integers here, at halves in the network's coordinates.
         scale = torch.tensor([self._side / width, self._side / height])
@@ -99,7 +99,7 @@ class MaskModel:
         return self._next(frame)
 
     def follow(self, frames: Frames, mask: np.ndarray, progress: Progress) -> Iterator[np.ndarray]:
-        """The masks (H, W) bool of frames 1 to T of `frames` (T+1, H, W, 3), from `mask` (H, W) in frame 0."""
+        """The masks (H, W) bool of frames 1 to T of `frames` (T+1, H, W, 3) uint8 RGB, one by one, from `mask` (H, W) bool in frame 0."""
         self._start(frames[0])
         given = cv2.resize(mask.astype(np.float32), (self._side, self._side), interpolation=cv2.INTER_AREA) >= 0.5
         self._session.add_mask_inputs(self._session.obj_id_to_idx(ONE), 0, torch.from_numpy(given.astype(np.float32))[None, None])
@@ -120,7 +120,7 @@ class MaskModel:
         pixels = network_input(frame, self._side, self._side, self._folder, IMAGENET)[0]
         with torch.inference_mode():
             found = self._model(self._session, frame=pixels)
-        # What was seen lives on in the session's memories; the frame itself, 12 MB each, is not looked at again.
+        # The session's memories keep what was seen; the frame itself, 12 MB, is not needed any more.
         self._session.processed_frames[found.frame_idx] = torch.empty(0)
         height, width = frame.shape[:2]
         return cv2.resize(found.pred_masks[0, 0].float().numpy(), (width, height), interpolation=cv2.INTER_LINEAR) > 0.0

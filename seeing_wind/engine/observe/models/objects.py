@@ -1,5 +1,5 @@
-"""All objects of a clip's first frame, each with a material and a mask, in the paper's order (section 3.1): object types, properties,
-masks by type, assignment of pixels to one object each."""
+"""All objects of a clip's first frame, each with a material and a mask. The paper's order (section 3.1): object types, properties, masks by
+type, assignment of each pixel to one object."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from .endpoint import LONGEST_SIDE, Endpoint
 from .language import RANGES, Estimate, check_what, checked, crop_object, exact_keys, properties
 
 MOST = 8
-"""Objects at most that are asked about."""
+"""Largest number of objects."""
 
 LEAST_PIXELS = 16
 
@@ -35,14 +35,14 @@ wind, water or other forces (not the ground, walls, sky or water themselves)? Na
 
 @dataclass(frozen=True)
 class Found:
-    """One object."""
+    """One object of the frame."""
 
     estimate: Estimate
     mask: np.ndarray
     """(H, W) bool; no pixel belongs to two objects."""
 
     def options(self, mask_path: str) -> str:
-        """What to give `recover` for this object."""
+        """The options of `recover` for this object, whose mask is the file `mask_path`."""
         values = {"law": self.estimate.law} | {key: getattr(self.estimate, key) for key in RANGES}
         words = [f"--{key.replace('_', '-')} {value}" for key, value in values.items() if value is not None]
         return f"--mask {shlex.quote(mask_path)} {' '.join(words)}"
@@ -52,11 +52,11 @@ def find_objects(endpoint: Endpoint, frame: np.ndarray, detector: str | None, ma
     """The objects of `frame` (H, W, 3) uint8 RGB.
 
     Args:
-        detector, masker: networks that find an object by its name and cut it out; without them the language model's own box is cut out
-            by GrabCut.
+        detector, masker: names of networks that find an object by its name, and that cut it out. Without the former, the language model's
+            box is used; without the latter, GrabCut cuts the object out.
 
     Raises:
-        ObjectError: nothing, or nothing that stands out. ModelError, MissingPackage: endpoint or networks that cannot be used.
+        ObjectError: no object that stands out. ModelError, MissingPackage: the endpoint or a network cannot be used.
     """
     progress.begin("material", f"asking {endpoint.name} what is in the frame")
     height, width = frame.shape[:2]
@@ -112,7 +112,7 @@ def _mask(
 
 
 def _assign_pixels(found: list[Found]) -> list[Found]:
-    """Every pixel to one object: where masks overlap, to the smaller one, which lies in front of or on the larger."""
+    """Assign every pixel to one object: where masks overlap, to the smaller object, which lies in front of or on the larger one."""
     taken = np.zeros(found[0].mask.shape, bool) if found else np.zeros((0, 0), bool)
     result: dict[int, Found] = {}
     for index in sorted(range(len(found)), key=lambda one: int(found[one].mask.sum())):
@@ -124,7 +124,7 @@ def _assign_pixels(found: list[Found]) -> list[Found]:
 
 
 def write_objects(take: Take, found: list[Found]) -> list[dict[str, Any]]:
-    """`objects.json` and a mask PNG per object under `objects/` of the take; returns what the JSON lists."""
+    """Write `objects.json` and a mask PNG per object, in `objects/`, into the take; returns the list in the JSON."""
     listed = []
     names: set[str] = set()
     for number, one in enumerate(found, start=1):
@@ -143,7 +143,7 @@ def write_objects(take: Take, found: list[Found]) -> list[dict[str, Any]]:
 
 
 def read_objects(path: str) -> list[dict[str, Any]]:
-    """What `write_objects` listed, checked.
+    """The list that `write_objects` wrote to the file at `path`, checked.
 
     Raises:
         UsageError: no such file, one of another kind, or a mask that is not there.
@@ -161,7 +161,7 @@ def read_objects(path: str) -> list[dict[str, Any]]:
         wrong = [key for key in texts if not isinstance(one.get(key), str) or not one[key]]
         wrong += [key for key in numbers if one.get(key, "") is not None and not isinstance(one.get(key), (int, float))]
         if wrong:
-            raise UsageError(f"{path}: of object {number} is missing, or of another kind: {', '.join(wrong)}.", advice)
+            raise UsageError(f"{path}: these values of object {number} are missing or of the wrong kind: {', '.join(wrong)}.", advice)
         if not os.path.isfile(one["mask"]):
             hint = "Run `identify` again, or correct the path; it counts from the folder in which `recover` is run."
             raise UsageError(f"{path}: the mask of object {number}, {one['mask']}, is no file.", hint)
@@ -169,5 +169,5 @@ def read_objects(path: str) -> list[dict[str, Any]]:
             raise UsageError(f"{path}: the name of object {number}, {one['name'][:40]!r}, cannot be a file's name.", advice)
     names = [one["name"] for one in listed]
     if len(set(names)) < len(names):
-        raise UsageError(f"{path}: two objects have one name.", advice)
+        raise UsageError(f"{path}: two objects have the same name.", advice)
     return listed

@@ -1,4 +1,4 @@
-"""Point tracks from CoTracker 3, the paper's tracker (section 3.4), with the noise of each track estimated from itself."""
+"""Point tracks from CoTracker 3, the paper's tracker (section 3.4), with the noise of each track estimated from the track itself."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from .catalogue import known
 from .folders import find, load_plain, package
 
 AT_ONCE = 60
-"""Frames that the published offline model sees at once."""
+"""Number of frames in the window of the published offline model."""
 
 LEAST_SIGMA = 0.3
-"""Standard deviation [px] claimed at least: the network works on a frame of 512 x 384."""
+"""Least standard deviation claimed [px]: the network works on frames of 512 x 384."""
 
 UNKNOWN_SIGMA = 1.0
-"""Standard deviation [px] of tracks too short to show theirs."""
+"""Standard deviation of tracks too short to measure it [px]."""
 
 
 def follow_points(
     name: str, frames: Frames, points: np.ndarray, progress: Progress
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Tracks of `points` (K, 2) [px] of frame 0 through `frames` (T+1, H, W, 3) uint8 RGB.
+    """Tracks of `points` (K, 2) [px] in frame 0 through `frames` (T+1, H, W, 3) uint8 RGB.
 
     Returns:
         xy (T+1, K, 2) [px], visible (T+1, K) bool, sigma (T+1, K) [px].
@@ -39,12 +39,12 @@ def follow_points(
     entry = known("facebook/cotracker3")
     folder = find(name, "tracks")
     package("cotracker", entry.how if entry else "")
-    # What the authors' code prints must not get among the engine's messages.
+    # The output of the authors' code must not get among the engine's messages.
     with contextlib.redirect_stdout(sys.stderr), torch.inference_mode():
         predictor = importlib.import_module("cotracker.predictor").CoTrackerPredictor(checkpoint=None, window_len=AT_ONCE)
         load_plain(predictor.model, folder, "facebook/cotracker3 (scaled_offline)")
         progress.check()
-        # The authors' predictor wants the whole clip at once: with it, and only with it, memory grows with the clip.
+        # The authors' predictor takes the whole clip at once: this is the only step whose memory grows with the clip's length.
         video = torch.from_numpy(np.ascontiguousarray(np.asarray(frames).transpose(0, 3, 1, 2)))[None].float()
         queries = torch.from_numpy(np.column_stack([np.zeros(len(points)), points]).astype(np.float32))[None]
         tracks, seen = predictor(video, queries=queries)
@@ -57,11 +57,11 @@ def follow_points(
 
 
 def noise(xy: np.ndarray, visible: np.ndarray) -> np.ndarray:
-    """Standard deviation (K,) [px] of each track (T+1, K, 2), from the third differences of its visible stretches."""
+    """Standard deviation (K,) [px] of the noise of each track of xy (T+1, K, 2), from the third differences of its visible stretches."""
     third = np.diff(xy, 3, axis=0)
     whole = visible[:-3] & visible[1:-2] & visible[2:-1] & visible[3:]
     result = np.full(xy.shape[1], UNKNOWN_SIGMA)
     for k in np.flatnonzero(whole.sum(axis=0) >= 4):
-        # The third difference of white noise has 1 + 9 + 9 + 1 = 20 times its variance; 1.4826 makes the median a deviation.
+        # Third differences of white noise have 1 + 9 + 9 + 1 = 20 times its variance; 1.4826 turns a median into a standard deviation.
         result[k] = max(LEAST_SIGMA, 1.4826 * float(np.median(np.abs(third[whole[:, k], k]))) / np.sqrt(20.0))
     return result

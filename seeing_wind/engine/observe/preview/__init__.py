@@ -1,4 +1,4 @@
-"""What was seen, shown and judged before anything is solved.
+"""The preview of a clip: the observation, drawn and judged before anything is solved.
 
     held.py      where the object seems to be held
     verdicts.py  good or doubtful, and what to do, item by item

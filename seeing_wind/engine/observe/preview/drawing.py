@@ -15,14 +15,14 @@ OUTLINE, TRACK, HELD, PROPOSED, TEXT = (80, 255, 80), (255, 200, 0), (255, 80, 6
 """Colours, RGB."""
 
 TAIL = 8
-"""Frames of a track that are drawn behind its point."""
+"""Number of earlier frames over which a track is drawn behind its point."""
 
 NICE = (1.0, 2.0, 5.0)
 """Leading digits of a scale bar's length."""
 
 
 class Canvas:
-    """What was seen in a clip, to be drawn over frames of it in any size."""
+    """Draws an observation over frames of its clip, at any size."""
 
     def __init__(self, seen: Observation, proposed: np.ndarray | None, size: tuple[int, int]) -> None:
         """`proposed` (H, W) bool: where the object seems to be held; `size`: height and width [px] of the frames to draw over."""
@@ -37,7 +37,7 @@ class Canvas:
         self._pixels_per_metre = float(seen.camera.fx * scale[0] / np.median(depth)) if len(depth) else 0.0
 
     def draw_seen(self, frame: np.ndarray, t: int) -> np.ndarray:
-        """`frame` (h, w, 3) uint8 RGB, frame t of the clip, straightened, with all that was seen in it."""
+        """Frame t of the clip with all that was seen in it, (h, w, 3) uint8 RGB; `frame`: the same, straightened, without it."""
         canvas, width = frame.copy(), self._width
         _outline(canvas, self._resize(np.asarray(self._seen.masks[t])), OUTLINE, width)
         for held, color in self._held:
@@ -57,7 +57,7 @@ class Canvas:
 
 
 def with_verdicts(frame: np.ndarray, verdicts: Sequence[Verdict]) -> np.ndarray:
-    """`frame` (H, W, 3) with the verdicts in lines below it."""
+    """`frame` (H, W, 3) uint8 RGB with the verdicts as lines of text below it."""
     size = float(np.clip(frame.shape[1] / 1400, 0.4, 0.8))
     line = round(34 * size)
     lines: list[tuple[str, tuple[int, int, int]]] = []
@@ -85,7 +85,7 @@ def _outline(canvas: np.ndarray, mask: np.ndarray, color: tuple[int, int, int], 
 
 
 def bar_label(length: float) -> str:
-    """A scale bar's length [m] as it is on a ruler: in mm under 10 cm, in cm under 1 m, else in m."""
+    """A scale bar's `length` [m] as a ruler would have it: in mm below 10 cm, in cm below 1 m, else in m."""
     unit, scale = ("mm", 1e-3) if length < 0.0999 else ("cm", 1e-2) if length < 0.999 else ("m", 1.0)
     return f"{in_figures(length / scale)} {unit}"
 

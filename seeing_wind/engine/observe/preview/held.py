@@ -1,4 +1,4 @@
-"""Where the object seems to be held, from its motion: what it never leaves, at the frame's edge or at the still end of its swing."""
+"""Where the object seems to be held, from its motion: pixels that it never leaves, at the frame's edge or at the still end of its swing."""
 
 from __future__ import annotations
 
@@ -8,27 +8,27 @@ import numpy as np
 from ...records import Observation
 
 STAYS = 0.95
-"""Part of the frames in which a pixel has to be the object's for the object to stay there."""
+"""Fraction of the frames in which a pixel must belong to the object for the object to stay there."""
 
 STILL, STILL_PIXELS = 0.05, 0.5
-"""Swing of a held end, in units of what the liveliest parts swing by and, at least, in pixels: a stem that is bent at its tip is that still
-over its lowest fifth, and a track's error is no swing."""
+"""Largest swing of a held end, in units of the liveliest parts' swing, or in pixels if that is more: the lowest fifth of a stem that bends
+at its tip is as still as that, and a track's error is not swing."""
 
 LEAST_SWING = 2.0
-"""Pixels of swing below which nothing can be said."""
+"""Swing of the object below which a held place cannot be recognised [px]."""
 
 DEEP = 0.04
 """Depth of a proposed place at the frame's edge, in units of the object's longer side."""
 
 NEAR = 4
-"""Pixels from the frame's edge within which an outline reaches it: half-covered rows are left out of it."""
+"""Distance [px] from the frame's edge within which an outline counts as reaching it: masks leave out half-covered rows."""
 
 FEWEST = 4
-"""Tracks of frame 0 from which a swing can be measured."""
+"""Least number of tracks from frame 0 for measuring the swing."""
 
 
 def swings(seen: Observation) -> tuple[np.ndarray, np.ndarray]:
-    """Places (K, 2) [px] in frame 0 of the tracks that start there, and how far each strays from its mean place (K,) [px]."""
+    """Places (K, 2) [px] in frame 0 of the tracks that start there, and the swing of each, its distance from its mean place (K,) [px]."""
     early = np.flatnonzero(seen.visible[0] & ~seen.on_centroid & (seen.visible.sum(axis=0) >= 3))
     places = np.where(seen.visible[:, early, None], seen.xy[:, early], np.nan)
     away = np.linalg.norm(places - np.nanmean(places, axis=0), axis=-1)
@@ -36,10 +36,10 @@ def swings(seen: Observation) -> tuple[np.ndarray, np.ndarray]:
 
 
 def propose_held(seen: Observation) -> np.ndarray | None:
-    """The pixels (H, W) bool of frame 0 that seem to be held; None where nothing does, or too little moves to tell.
+    """The pixels (H, W) bool of frame 0 that seem to be held; None if none do, or if too little moves to tell.
 
-    The object's pixels that it never leaves, where they reach the frame's edge; else those at its still end, where the tracks there
-    swing by next to nothing.
+    These are the pixels that the object never leaves, if they reach the frame's edge: the part near that edge. Otherwise they are those of
+    its still end, where tracks hardly swing.
     """
     points, swing = swings(seen)
     if len(points) < FEWEST or np.percentile(swing, 90) < LEAST_SWING:
@@ -55,7 +55,7 @@ def propose_held(seen: Observation) -> np.ndarray | None:
     rows, columns = np.nonzero(kept)
     if not len(rows):
         return None
-    from scipy.spatial import cKDTree  # slow to import, and most of what is held reaches the frame's edge
+    from scipy.spatial import cKDTree  # slow to import, and most held places reach the frame's edge
 
     near, index = cKDTree(points).query(np.stack([columns, rows], axis=1), k=min(3, len(points)))
     quiet = np.mean(swing[index.reshape(len(rows), -1)], axis=1) < max(STILL_PIXELS, STILL * np.percentile(swing, 90))
@@ -68,7 +68,7 @@ def propose_held(seen: Observation) -> np.ndarray | None:
 
 
 def _at_edge(kept: np.ndarray, deep: int) -> np.ndarray:
-    """The pixels of `kept` (H, W) bool within `deep` of an edge of the frame that `kept` touches."""
+    """The pixels of `kept` (H, W) bool within `deep` [px] of any edge of the frame that `kept` touches, (H, W) bool."""
     place = np.zeros_like(kept)
     for turn in range(4):
         turned, at = np.rot90(kept, turn), np.rot90(place, turn)  # views

@@ -16,37 +16,37 @@ from ...settings import ObserveSettings
 from .held import propose_held, swings
 
 FEWEST = 3
-"""Frames in which an object is seen that a recovery needs."""
+"""Least number of frames in which the object is seen for a recovery."""
 
 FEW_TRACKS = 12
-"""Tracks in a frame below which a body's bending cannot be told from their errors."""
+"""Number of tracks in a frame below which a body's bending cannot be told from their errors."""
 
 ON_BOX = 0.04
-"""Part of the outline on the border of the box from which the box cuts the object."""
+"""Fraction of the outline on the border of the box from which the box is taken to cut the object."""
 
 SPANS = 0.5
-"""Part of the width and of the height of a box that what is found in it spans, at least: a box is drawn closer round the object."""
+"""Least fraction of a box's width and height that the object found in it spans: boxes are drawn closer round an object."""
 
 HARDLY = 1.5
-"""Pixels of motion that are lost in the tracks' errors."""
+"""Motion [px] that is lost in the tracks' errors."""
 
 OPEN = 0.5
-"""Part of the time between frames for which a usual shutter is open."""
+"""Fraction of the time between frames for which a usual shutter is open."""
 
 GROWS = 0.1
 """Relative change of the object's size in the frame from which it comes nearer or turns: a swing across the view has less."""
 
 LIVES, LEAST = 0.67, 8
-"""Part of the clip that half of the points of frame 0 are followed for, at least, on an outline that is right; and of how many points that
-can be said. Seen: 0.84 and more where it is, 0.25 to 0.50 where most of it is wrong, or for some frames."""
+"""Median fraction of the clip for which the points of frame 0 are followed, below which the outline may be wrong; and the least number of
+points for this. Observed: 0.84 and more on right outlines, 0.25 to 0.50 on ones that are mostly wrong, or wrong in some frames."""
 
 BLURRED = 0.08
-"""Blur in units of the object's shorter side from which its outline and tracks suffer."""
+"""Blur, in units of the object's shorter side, from which its outline and tracks suffer."""
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """Of one item."""
+    """The verdict on one item."""
 
     item: str
     severity: float
@@ -60,7 +60,7 @@ class Verdict:
         return "doubtful" if self.severity > 0.0 else "good"
 
     def as_json(self) -> dict[str, Any]:
-        """All of it, with the verdict in words."""
+        """All fields, and the verdict in words."""
         return {"verdict": self.verdict, **asdict(self)}
 
 
@@ -70,8 +70,8 @@ def judge(
     """All verdicts on `seen`, the worst first, with `more` among them.
 
     Args:
-        proposed: (H, W) bool, where the object seems to be held; None where nowhere.
-        views: how many cameras see the object: two know how far away it is.
+        proposed: (H, W) bool, where the object seems to be held; None if nowhere.
+        views: the number of cameras that see the object; two determine its distance.
     """
     found = [
         _outline(seen, settings, proposed),
@@ -89,7 +89,7 @@ def judge(
 
 
 def doubt_remarks(seen: Observation, settings: ObserveSettings, views: int = 1) -> list[str]:
-    """What is doubtful of `seen`, in sentences, the worst first, as a recovery's notes have it."""
+    """The doubtful items of `seen` as sentences for a recovery's notes, the worst first."""
     proposed = None if seen.pin.any() else propose_held(seen)
     found = [one for one in judge(seen, settings, proposed, views=views) if one.severity > 0.0]
     return [f"{one.item.capitalize()}: {one.because} {one.do}".strip() for one in found]
@@ -220,9 +220,9 @@ def _blur(seen: Observation) -> Verdict:
 
 def _scale(settings: ObserveSettings, views: int) -> Verdict:
     if settings.distance:
-        # the panel always gives one, looked at or not
+        # The panel always gives a distance, whether the user has looked at it or not.
         away = in_units(settings.distance, "m")
-        return Verdict("scale", 0.0, f"It is taken to be {away} from the camera: at twice that it is twice as large and as fast.")
+        return Verdict("scale", 0.0, f"It is taken to be {away} from the camera: at twice that, it would be twice as large and as fast.")
     if settings.pixels_per_metre or settings.depth or settings.depth_model or (settings.camera and views > 1):
         return Verdict("scale", 0.0, "It is given.")
     if settings.camera:
@@ -232,7 +232,7 @@ def _scale(settings: ObserveSettings, views: int) -> Verdict:
 
 
 def _depth_motion(seen: Observation) -> Verdict:
-    """By the tracks' distances from their middle; by the outline's area where there are too few."""
+    """Motion in depth, from the tracks' distances from their centroid, or from the outline's area if there are too few tracks."""
     early = np.flatnonzero(seen.visible[0] & ~seen.on_centroid)
     grown = []
     for xy, visible in zip(seen.xy[1:, early], seen.visible[1:, early]):

@@ -1,7 +1,7 @@
-"""Where points of the object go, in pixels.
+"""Tracks of the object's points, in pixels.
 
-    tracker.py     up to 200 corners from frame to frame   anchor.py      aligned with the frame where they began
-    neighbours.py  checked by their neighbours             reseed.py      tracks that begin later
+    tracker.py     up to 200 corners from frame to frame   anchor.py      patches aligned with the frame where they began
+    neighbours.py  checking points by their neighbours     reseed.py      tracks that begin later
     centroid.py    one track for a small or plain body     dense_flow.py  optical flow, for one of the paper's losses
-    file.py        tracks from a file              recognise.py   points that are found again after they were hidden
+    file.py        tracks from a file                      recognise.py   points that are found again after they were hidden
 """

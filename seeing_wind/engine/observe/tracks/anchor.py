@@ -1,4 +1,4 @@
-"""Aligning patches with the frame they were cut from: what keeps a chain of frame-to-frame steps from drifting.
+"""Aligning patches with the frame they were cut from, which keeps a chain of frame-to-frame steps from drifting.
 
 Inverse-compositional affine alignment (Baker and Matthews 2004) of all patches at once, each normalised to its own mean and
 deviation, so that brightness and contrast may change.
@@ -15,17 +15,17 @@ HALF = 8
 """Half the patch's side: 17x17 pixels."""
 
 BLUR = 0.7
-"""Blur [px] before sampling, against noise and the codec's block edges."""
+"""Standard deviation of the blur before sampling, against noise and the codec's block edges [px]."""
 
 ITERATIONS = 10
 CONVERGED = 0.01
-"""Pixels of the last update below which no patch needs another iteration."""
+"""Size of the last update below which a patch needs no further iteration [px]."""
 
 MOST_AT_ONCE = np.array([2.0, 2.0, 0.2, 0.2, 0.2, 0.2], np.float32)
-"""Pixels and parts of the shape that an iteration may change: beyond, the linearisation says nothing."""
+"""Largest change per iteration of the position [px] and of the shape: beyond these, the linearisation is not valid."""
 
 CORRELATED = 4.0
-"""How many neighbouring residual pixels share one error (blur, the codec's blocks): the variance of a position grows by it."""
+"""Number of neighbouring pixels whose residuals share one error (blur, the codec's blocks): a position's variance grows by this factor."""
 
 _OFFSETS = np.stack(np.meshgrid(*2 * (np.arange(-HALF, HALF + 1, dtype=np.float32),)), axis=-1).reshape(-1, 2)
 """Single precision throughout a patch: OpenCV samples no finer, and it is twice as fast."""
@@ -33,12 +33,12 @@ _NEAR = np.exp(-0.5 * (_OFFSETS**2).sum(axis=1) / (0.6 * HALF) ** 2).astype(np.f
 
 
 def smooth(image: np.ndarray) -> np.ndarray:
-    """The gray float32 frame (H, W) that patches are cut from, of an RGB uint8 one (H, W, 3)."""
+    """The smoothed grey frame (H, W) float32 that patches are cut from, for `image` (H, W, 3) uint8 RGB."""
     return cv2.GaussianBlur(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY).astype(np.float32), (0, 0), BLUR)
 
 
 def sample(image: np.ndarray, xy: np.ndarray) -> np.ndarray:
-    """Bilinear values (...,) of `image` (H, W) at points (..., 2) [px], the rim repeated outside."""
+    """Bilinear values (...,) of `image` (H, W) at points xy (..., 2) [px]; outside the image its rim is repeated."""
     points = np.ascontiguousarray(xy, dtype=np.float32)
     if not points.size:
         return np.zeros(points.shape[:-1], np.float32)
@@ -53,11 +53,11 @@ class Patches:
     values: np.ndarray
     """(K, P) normalised to weighted mean 0 and deviation 1."""
     weight: np.ndarray
-    """(K, P), summing to one: a gaussian of 0.6 of the half width times the object's mask."""
+    """(K, P), summing to one: the object's mask times a Gaussian whose standard deviation is 0.6 of half the patch's side."""
     descent: np.ndarray
     """(K, 6, P) the inverse-compositional update's matrix: Hessian^-1 times weighted steepest descent."""
     covariance: np.ndarray
-    """(K, 2, 2) of the position [px²] for residuals of deviation 1 (normalised), before correlation."""
+    """(K, 2, 2) covariance of the position [px²] for independent residuals of standard deviation 1 (normalised)."""
 
     def take(self, index: np.ndarray) -> Patches:
         """The patches of the points `index` only."""
@@ -66,20 +66,20 @@ class Patches:
 
 @dataclass(frozen=True)
 class Alignment:
-    """Where K patches were found."""
+    """The positions and shapes at which K patches were found."""
 
     xy: np.ndarray
     """(K, 2) [px]."""
     affine: np.ndarray
-    """(K, 2, 2): the patch's shape, d(here) / d(where it was cut)."""
+    """(K, 2, 2): the patch's shape, the derivative of a position here by the position where the patch was cut."""
     ncc: np.ndarray
     """(K,) weighted normalised cross-correlation with the template."""
     sigma: np.ndarray
-    """(K,) standard deviation of the position from the residuals [px]."""
+    """(K,) standard deviation of the position, estimated from the residuals [px]."""
 
 
 def cut_patches(image: np.ndarray, mask: np.ndarray, xy: np.ndarray) -> Patches:
-    """Templates round points (K, 2) [px] of the smoothed `image` (H, W), weighted by `mask` (H, W) float32 in 0..1."""
+    """Templates round points xy (K, 2) [px] of the smoothed `image` (H, W), weighted by `mask` (H, W) float32 in 0..1."""
     grid = xy.astype(np.float32)[:, None, :] + _OFFSETS
     weight = _NEAR * sample(mask, grid) + np.float32(1e-9)
     weight /= weight.sum(axis=1, keepdims=True)
@@ -105,7 +105,7 @@ def cut_patches(image: np.ndarray, mask: np.ndarray, xy: np.ndarray) -> Patches:
 
 def _normalise(raw: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     centred = raw - (weight * raw).sum(axis=1, keepdims=True)
-    # Half a grey level is the least contrast that is not the codec's own.
+    # A contrast of less than half a grey level is the codec's own.
     deviation = np.maximum(np.sqrt((weight * centred**2).sum(axis=1, keepdims=True)), 0.5)
     return centred / deviation, deviation
 

@@ -1,4 +1,4 @@
-"""One track for a body too small or too plain for corners: the centroid of its silhouette, weighted by how far each pixel is covered."""
+"""One track for a body too small or too plain for corners: the centroid of its silhouette, weighted by how much it covers each pixel."""
 
 from __future__ import annotations
 
@@ -13,35 +13,36 @@ from ..mask.evidence import SMALL
 from ..mask.motion import cut, window_of
 
 RIM = 3
-"""Pixels round the mask that may still be partly covered by the object (optics, motion blur)."""
+"""Width [px] round the mask in which pixels may be partly covered by the object (optics, motion blur)."""
 
 BEST = 0.1
 """Least standard deviation claimed for a centroid [px]."""
 
 UNKNOWN = 0.3
-"""Standard deviation [px] when the clip is too short to measure it."""
+"""Standard deviation if the clip is too short to measure it [px]."""
 
 WITHOUT_PLATE = 0.02
-"""Part of the object's size added to the deviation when the silhouette comes from a cut instead of a clean background."""
+"""Standard deviation of the centroid where the coverage is not measured against a known background but taken from the mask, in units of the
+object's size."""
 
 HIDDEN = 0.3
-"""Of a small body's size, how far its centroid may move when all of it is hidden: half its radius."""
+"""Standard deviation of a small body's centroid if all of it were hidden, in units of the body's size: half its radius."""
 
 LIKE_BACKGROUND = 0.12
-"""Part of the object in front of a background of its own colour, or one not known, from which its whole shape is registered instead."""
+"""Fraction of the object in front of a background of its own colour, or of an unknown one, from which its whole shape is registered."""
 
 FARTHEST_REGISTERED = 3.0
-"""Pixels between a registered place and its neighbours in time beyond which the registration is not believed."""
+"""Distance [px] of a registered place from where its neighbours in time put it, beyond which the registration is not believed."""
 
 
 def centroid_track(frames: Frames, masks: Masks, plate: Plate | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The body's centroid through the clip.
+    """The centroid of the body's silhouette through the clip.
 
     Args:
         frames: (T+1, H, W, 3) uint8 RGB; masks: (T+1, H, W) bool; plate: the background of a camera that stands still, or None.
 
     Returns:
-        xy (T+1, 2) [px] (the nearest known one where not visible), visible (T+1,) bool, sigma (T+1,) [px].
+        xy (T+1, 2) [px] (interpolated where not visible), visible (T+1,) bool, sigma (T+1,) [px].
     """
     xy = np.full((len(frames), 2), np.nan)
     sigma = np.zeros(len(frames))
@@ -66,7 +67,7 @@ def centroid_track(frames: Frames, masks: Masks, plate: Plate | None) -> tuple[n
             xy[t], sigma[t], registered[t] = origin + place, 0.5 / certainty, True
             continue
         xy[t] = origin + _mean_place(cover)
-        # A small body's hidden part shifts its centroid by up to that part of the radius; a large one is cut out by its colours there.
+        # A small body's hidden part shifts its centroid, by up to half the radius; a large body is cut out by its colours there.
         sigma[t] = missing * (HIDDEN if plate is not None and mask.sum() < SMALL else WITHOUT_PLATE) * np.sqrt(usual)
         if not partly:
             full = _centred(cover)
@@ -81,7 +82,7 @@ def centroid_track(frames: Frames, masks: Masks, plate: Plate | None) -> tuple[n
 def _cover(
     frame: np.ndarray, mask: np.ndarray, plate: Plate | None, color: np.ndarray, window: tuple[int, int, int, int]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """How far each pixel of `window` is covered by the object (0..1), and where that is known.
+    """How much of each pixel of `window` the object covers (h, w), 0 to 1, and where that is measured (h, w) bool.
 
     I = a F + (1 - a) B, so a = (I - B).(F - B) / |F - B|², with the object's colour F and the background B.
     """
@@ -94,7 +95,7 @@ def _cover(
     known = cut(plate.reliable, window) & (strength > (12.0 * plate.noise) ** 2)
     cover = ((cut(frame, window) - behind) * contrast).sum(axis=2) / np.maximum(strength, 1.0)
     near = widened(inside, RIM)
-    # A patterned object has other colours than its median: inside, the mask is better evidence than one colour.
+    # A patterned object also has colours other than its median: inside, the mask is better evidence than one colour.
     solid = narrowed(inside, 2)
     cover = np.where(solid, 1.0, np.where(cover > 0.1, np.minimum(cover, 1.0), 0.0))
     return np.where(near & known, cover, np.where(near, inside, 0.0)), known
@@ -107,7 +108,7 @@ def _mean_place(cover: np.ndarray) -> np.ndarray:
 
 
 def _centred(cover: np.ndarray) -> np.ndarray:
-    """The cover on a grid of odd side with the centroid in its middle."""
+    """`cover` resampled on a square grid of odd side with its centroid in the middle."""
     place = _mean_place(cover)
     half = int(np.ceil(max(cover.shape) / 2))
     grid = np.mgrid[-half : half + 1, -half : half + 1].astype(np.float32)
@@ -121,7 +122,8 @@ def _centred(cover: np.ndarray) -> np.ndarray:
 
 
 def _register(shape: np.ndarray, cover: np.ndarray, known: np.ndarray) -> tuple[np.ndarray, float]:
-    """Where the centred `shape` fits the known part of `cover` best (x, y in the window), and the part of it known there."""
+    """The place x, y [px] in the window at which the centred `shape` best fits the known part of `cover`, and the fraction of it that is
+    known there."""
     half = shape.shape[0] // 2
     rows, columns = np.mgrid[: cover.shape[0], : cover.shape[1]].astype(np.float32)
     place = _mean_place(np.where(known, cover, 0.0)) if (known & (cover > 0.1)).any() else np.array(cover.shape[::-1]) / 2.0
@@ -132,7 +134,7 @@ def _register(shape: np.ndarray, cover: np.ndarray, known: np.ndarray) -> tuple[
         )
 
     best, place = np.inf, place.copy()
-    # A grid of half pixels first, for the part in view need not be the middle; then parabolas.
+    # First a wide grid of half pixels, as the centroid of the part in view need not be that of the whole; then a fine one.
     for reach, step in ((6.0, 0.5), (0.5, 0.1)):
         middle = place.copy()
         for dy in np.arange(-reach, reach + 1e-6, step):
@@ -146,7 +148,8 @@ def _register(shape: np.ndarray, cover: np.ndarray, known: np.ndarray) -> tuple[
 
 
 def _astray(xy: np.ndarray, registered: np.ndarray) -> np.ndarray:
-    """Which `registered` places (T+1,) lie off the parabola through the two full sights before and after: another thing was registered."""
+    """Which of the `registered` places (T+1,) bool lie off the parabola through the two full sights before and the two after, (T+1,) bool:
+    there, another thing was registered."""
     astray = np.zeros(len(xy), bool)
     full = np.flatnonzero(np.isfinite(xy[:, 0]) & ~registered)
     for t in np.flatnonzero(registered):
@@ -159,7 +162,7 @@ def _astray(xy: np.ndarray, registered: np.ndarray) -> np.ndarray:
 
 
 def _scatter(xy: np.ndarray) -> float:
-    """Standard deviation of a smooth track's noise [px], from its third differences (20 = 1 + 9 + 9 + 1)."""
+    """Standard deviation [px] of a smooth track's noise, from its third differences, whose variance is 1 + 9 + 9 + 1 = 20 times its own."""
     if len(xy) < 8:
         return UNKNOWN
     third = np.diff(xy, 3, axis=0)

@@ -12,14 +12,14 @@ from ..clip.stored import Frames
 from ..mask.motion import Flow, FlowSolver, middle_of, window_of
 
 MARGIN = 16
-"""Pixels round the silhouette in which flow is computed."""
+"""Width [px] of the margin round the silhouette in which flow is computed."""
 
 
 def dense_flow(frames: Frames, masks: Masks, progress: Progress) -> list[Flow | None]:
-    """Flow inside a window round the object, T entries; None where the object is in neither frame of a pair.
+    """Flow from every frame to the next inside a window round the object, T entries; None where the object is not in the former frame.
 
     Args:
-        frames: (T+1, H, W, 3) uint8 RGB; masks: (T+1, H, W) bool. The shift of the silhouette's centroid is where the search begins.
+        frames: (T+1, H, W, 3) uint8 RGB; masks: (T+1, H, W) bool. The search begins at the shift of the silhouette's centroid.
     """
     solver = FlowSolver()
     flows: list[Flow | None] = []

@@ -1,4 +1,4 @@
-"""Tracks made elsewhere (Blender's tracker, a network): an NPZ instead of our own."""
+"""Tracks from another program (Blender's tracker, a network), in an NPZ file."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ SIGMA = 0.3
 """Standard deviation [px] of tracks that come without one."""
 
 FEW = 3
-"""Tracks below which a body's turns stay unknown."""
+"""Least number of tracks that determine how a body turns."""
 
 SHAPES = "It needs xy (T+1, K, 2) pixels and visible (T+1, K) bool; sigma (T+1, K) pixels is optional."
 
@@ -41,8 +41,8 @@ def read_tracks(
     if not on.all():
         progress.warn(f"{int((~on).sum())} of {len(on)} tracks do not start on the object in the first frame and are left out.")
     if on.sum() < FEW:
-        few = "One track tells" if on.sum() == 1 else f"{int(on.sum())} tracks tell"
-        progress.warn(f"{few} where the object is, not how it turns or bends. Give three or more that start on it.")
+        few = "One track shows" if on.sum() == 1 else f"{int(on.sum())} tracks show"
+        progress.warn(f"{few} where the object is, but not how it turns or bends. Give three or more that start on it.")
     # An invisible point's place is never used; zero keeps arithmetic on whole arrays finite.
     held = np.where(visible[..., None], xy, 0.0)
     return held[:, on], visible[:, on], np.where(visible, sigma, SIGMA)[:, on]
@@ -79,7 +79,7 @@ def checked_tracks(path: str, frames: int, first_frame: int) -> tuple[np.ndarray
 
 
 def load_tracks(path: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """xy, visible and sigma of a track file as they are, sigma a single number where the file has none.
+    """xy, visible and sigma as they are in a track file, not checked against a clip; sigma is a single number if the file has none.
 
     Raises:
         UsageError: unreadable, or without xy and visible.

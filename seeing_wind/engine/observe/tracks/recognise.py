@@ -1,8 +1,9 @@
 """Points of frame 0 that are recognised in later frames by what they look like, however often they were hidden in between.
 
-A track ends where a fold hides it, and what comes out again is not known to be the same point. SIFT descriptors (Lowe, Distinctive Image
-Features from Scale-Invariant Keypoints, IJCV 2004) find it again, without drift: those of frame 0 are matched with those of every frame, a
-match that is hardly better than the second best is dropped (Lowe's ratio test), and so is one that the neighbours disagree with.
+A track ends where a fold hides its point, and when the point comes out again, the tracker does not know that it is the same. SIFT
+descriptors (Lowe, Distinctive Image Features from Scale-Invariant Keypoints, IJCV 2004) find it again, without drift: those of frame 0 are
+matched with those of every frame. A match that is hardly better than the second best is dropped (Lowe's ratio test), and so is a match
+that its neighbours contradict.
 """
 
 from __future__ import annotations
@@ -19,31 +20,31 @@ from ..clip.stored import Frames
 from .neighbours import disagreement, predict
 
 LOST = 0.75
-"""Where fewer of frame 0's tracks are in sight than this part of them, points are recognised: without need it would cost time only."""
+"""Fraction of frame 0's tracks: points are recognised only if fewer are in sight in some frame, as otherwise it would only cost time."""
 FEATURES = 4000
-"""Of a frame at most."""
+"""Largest number of features in a frame."""
 CONTRAST, EDGE = 0.015, 15.0
 """SIFT's thresholds, both more lenient than usual: a print is faint where it moves fast, and matches are checked."""
 RATIO = 0.75
-"""Largest distance of a match's descriptors, relative to the second best one's."""
+"""Largest distance between a match's descriptors, relative to that of the second best match."""
 ODD = 3.0
-"""Pixels of disagreement with the neighbours from which a match is wrong."""
+"""Distance [px] from the neighbours' prediction from which a match is wrong."""
 SUPPORT = 6
-"""Neighbours that must agree."""
+"""Least number of neighbours that predict a match."""
 ROUNDS = 3
-"""In each, the neighbours are those that the round before left."""
+"""Number of rounds; in each, the neighbours are the matches left by the round before."""
 THREADS = 2
-"""Frames at a time: OpenCV works without Python's lock."""
+"""Frames processed in parallel: OpenCV releases Python's lock."""
 
 
 def are_lost(visible: np.ndarray) -> bool:
-    """Whether in some frame too few of the tracks (T+1, K) bool of frame 0 are in sight."""
+    """Whether too few of frame 0's tracks are in sight in some frame; `visible`: (T+1, K) bool."""
     early = visible[:, visible[0]]
     return bool(early.size) and float(early.mean(axis=1).min()) < LOST
 
 
 def recognise(frames: Frames, masks: Masks, progress: Progress) -> Recognised:
-    """Points of frame 0 in all later frames.
+    """The points of frame 0 that are recognised in later frames.
 
     Args:
         frames: (T+1, H, W, 3) uint8 RGB; masks: (T+1, H, W) bool, the object.
@@ -65,7 +66,7 @@ def recognise(frames: Frames, masks: Masks, progress: Progress) -> Recognised:
 
 
 def _features(frame: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Places (M, 2) [px] and descriptors (M, 128) of the object in a frame."""
+    """Places (M, 2) [px] and descriptors (M, 128) of the features on the object in a frame."""
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     none = np.zeros((0, 2)), np.zeros((0, 128), np.float32)
     if not rows.size:
@@ -79,20 +80,20 @@ def _features(frame: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 
 def _matched(xy: np.ndarray, look: np.ndarray, xy_now: np.ndarray, look_now: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Places (M, 2) in frame 0 and (M, 2) in another [px] of the points that are in both."""
+    """Places (M, 2) [px] in frame 0, and in another frame, of the points that are found in both."""
     if min(len(look), len(look_now)) < 2:
         return np.zeros((0, 2)), np.zeros((0, 2))
     pairs = cv2.BFMatcher().knnMatch(look, look_now, k=2)
     clear = [best for best, next_best in pairs if best.distance < RATIO * next_best.distance]
     first, now = xy[[one.queryIdx for one in clear]].reshape(-1, 2), xy_now[[one.trainIdx for one in clear]].reshape(-1, 2)
-    for side in (0, 1):  # a place has a descriptor for each of its directions; one pair of places counts once
+    for side in (0, 1):  # a place may have several descriptors, one for each orientation, but counts once
         _, once = np.unique(np.round((first, now)[side], 1), axis=0, return_index=True)
         first, now = first[once], now[once]
     return _agreeing(first, now)
 
 
 def _agreeing(first: np.ndarray, now: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The matches (M, 2) and (M, 2) that a local affine motion of their neighbours explains."""
+    """The matches, places (M, 2) in frame 0 and (M, 2) in another, that agree with a local affine motion of their neighbours."""
     good, shape = np.ones(len(first), bool), np.tile(np.eye(2), (len(first), 1, 1))
     reach = float(np.linalg.norm(np.ptp(first, axis=0))) if len(first) else 0.0
     for _ in range(ROUNDS):

@@ -1,7 +1,7 @@
-"""Tracks that begin later: where the object shows a side on which nothing is followed, new points are sought and followed from there.
+"""Tracks that begin later: when the object shows a side without tracks, new points are found there and followed from then on.
 
-Every generation of points is anchored to the frame in which it began. How it belongs to the body of frame 0 is found where the body
-is known (`observe/object/motion/late.py`).
+Every generation of points is anchored to the frame in which it began. Its places on the body of frame 0 are found once the body is known
+(`observe/object/motion/late.py`).
 """
 
 from __future__ import annotations
@@ -17,19 +17,19 @@ from ..mask.motion import Flow
 from .tracker import MOST, Tracker, find_corners
 
 BARE = 0.2
-"""Part of the object without tracks from which new ones are sought."""
+"""Fraction of the object without tracks from which new ones are sought."""
 
 APART = 1.6
-"""Tracks cover discs of this radius, in units of the mean distance of the first ones."""
+"""Radius of the disc that a track covers, in units of the mean distance between the first tracks."""
 
 LEAST_NEW = 6
-"""Fewer new points than this cannot check each other."""
+"""Least number of new points: fewer cannot check each other."""
 
 SHORTEST = 4
-"""Frames in which a later track must be seen: fewer say nothing that those before and after do not."""
+"""Least number of frames in which a later track must be seen: fewer add nothing to the tracks before and after."""
 
 MOST_LATE = 400
-"""Later tracks at most: each costs the recovery time."""
+"""Largest number of later tracks: each costs the recovery time."""
 
 
 @dataclass
@@ -37,17 +37,17 @@ class _Generation:
     first: int
     """The frame in which it began."""
     corners: np.ndarray
-    """(K, 2) [px], from which it set out."""
+    """(K, 2) [px], its points in that frame."""
     tracker: Tracker
     rows: list[tuple[np.ndarray, np.ndarray, np.ndarray]]
-    """Position, visibility and sigma in each frame since then."""
+    """Positions (K, 2) [px], visibility (K,) and sigma (K,) [px] in each frame since then."""
 
 
 class Generations:
-    """Points of frame 0, and those that began later."""
+    """The tracked points: those of frame 0, and those that began later."""
 
     def __init__(self, frame: np.ndarray, mask: np.ndarray, corners: np.ndarray, *, reseed: bool) -> None:
-        """`frame` (H, W, 3) uint8 RGB, `mask` (H, W) bool, `corners` (K, 2) [px] of frame 0; `reseed` False keeps to those."""
+        """`frame` (H, W, 3) uint8 RGB, `mask` (H, W) bool and `corners` (K, 2) [px] are frame 0's; `reseed`: later tracks may begin."""
         self._generations: list[_Generation] = []
         self._reseed = reseed
         self._count = 0
@@ -57,7 +57,7 @@ class Generations:
         self._count = 1
 
     def advance(self, frame: np.ndarray, flow: Flow | None, mask: np.ndarray) -> None:
-        """Follow all points into the next frame, as `Tracker.advance`; seek new ones where the object is bare of them."""
+        """Follow all points into the next frame, see `Tracker.advance`; seek new ones where the object has none."""
         for one in self._generations:
             one.tracker.advance(frame, flow, mask)
             one.rows.append((one.tracker.xy, one.tracker.visible, one.tracker.sigma))
@@ -76,7 +76,7 @@ class Generations:
         self._generations.append(_Generation(self._count, corners, tracker, [(tracker.xy, tracker.visible, tracker.sigma)]))
 
     def state(self) -> dict[str, np.ndarray]:
-        """All that the frames to come depend on, besides the frames and masks behind, and the tracks so far."""
+        """All that later frames depend on, besides the frames and masks so far; and the tracks so far."""
         found = {"generations": np.array([one.first for one in self._generations])}
         for number, one in enumerate(self._generations):
             rows = dict(zip(("rows.xy", "rows.visible", "rows.sigma"), (np.stack(values) for values in zip(*one.rows))))
@@ -85,7 +85,7 @@ class Generations:
         return found
 
     def resume(self, frame: Callable[[int], np.ndarray], masks: Masks, state: dict[str, np.ndarray]) -> None:
-        """Go on behind the last of `masks`, as what gave `state` would have; `frame` gives (H, W, 3) uint8 RGB by its number."""
+        """Continue after the last of `masks` as the object that returned `state` would have; `frame(t)`: frame t (H, W, 3) uint8 RGB."""
         self._generations.clear()
         for number, first in enumerate(state["generations"].tolist()):
             before = f"generation {number}."
@@ -99,7 +99,7 @@ class Generations:
         self._count = len(masks)
 
     def _bare(self, mask: np.ndarray) -> np.ndarray:
-        """(H, W) bool: the object where no track is near."""
+        """The part (H, W) bool of the object `mask` (H, W) bool that has no track near it."""
         covered = np.zeros(mask.shape, np.uint8)
         for one in self._generations:
             for at in np.rint(one.tracker.xy[one.tracker.visible]).astype(int).tolist():
@@ -112,7 +112,7 @@ class Generations:
         for one in self._generations:
             xy, visible, sigma = (np.stack(values) for values in zip(*one.rows))
             use = np.ones(visible.shape[1], bool) if one.first == 0 else visible.sum(axis=0) >= SHORTEST
-            # Before its first sight a point has no place; the first one keeps arithmetic on whole arrays finite.
+            # Before its first frame a point has no place; repeating the first place keeps arithmetic on whole arrays finite.
             before = np.zeros((one.first, int(use.sum())), bool)
             columns.append(
                 (

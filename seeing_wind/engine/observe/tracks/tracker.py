@@ -1,4 +1,4 @@
-"""Following up to 200 corners of the object: a chain from frame to frame, anchored to frame 0, checked by the neighbours."""
+"""Following up to 200 corners of the object: from frame to frame by flow, anchored to frame 0, checked against their neighbours."""
 
 from __future__ import annotations
 
@@ -14,58 +14,58 @@ from .anchor import HALF, Patches, align, cut_patches, sample, smooth
 from .neighbours import LEAST, disagreement, predict
 
 MOST = 200
-"""Tracks at most: more cost time and, a few pixels apart, say the same."""
+"""Largest number of tracks: more cost time and, a few pixels apart, add no information."""
 
 ACCEPT = 0.7
-"""Correlation with the template from which an alignment is believed."""
+"""Correlation with the template from which an alignment is accepted."""
 
 GOOD = 0.9
-"""Correlation from which a frame may become the point's second template."""
+"""Correlation from which a frame may become a point's second template."""
 
 FARTHEST = 4.0
-"""Pixels that an alignment may move away from its start."""
+"""Largest distance [px] of an alignment from its start."""
 
 ODD = 2.0
-"""Pixels of disagreement with the neighbours that end a track's visibility."""
+"""Distance [px] from the neighbours' prediction from which a point is not visible."""
 
 CHAIN_AGREES = 1.0
-"""Pixels within which a chain without anchor must agree with the neighbours to live on."""
+"""Distance [px] from the neighbours' prediction within which a point that flow alone has followed stays visible."""
 
 EDGE_ON = 0.25
 """Smaller singular value of a patch's shape below which the surface is seen edge-on and positions slide."""
 
 FLOOR = 0.06
-"""Least standard deviation of a track [px]: shading, the codec and the affine model, which residuals do not show."""
+"""Least standard deviation of a track [px]: shading, the codec and the affine model cause errors that residuals do not show."""
 
 CHAIN_STEP = 0.2
-"""Standard deviation that one unanchored frame-to-frame step adds [px]."""
+"""Standard deviation that one frame-to-frame step without an anchor adds [px]."""
 
 LARGEST = 300.0
 """Square root of the object's area [px] beyond which it is followed in a smaller copy."""
 
 EDGE = 2.24
-"""A patch whose place is known this many times better along one direction than along the other lies on an edge, along which it slides:
-eigenvalues of the structure tensor that are five to one."""
+"""Ratio of a patch's position errors along its two principal directions from which it lies on an edge and slides along it: eigenvalues of
+the structure tensor of five to one."""
 
 RIM = 1.5
-"""Halves of a patch's side from the outline within which such an edge is the outline itself or goes along with it."""
+"""Distance from the outline, in units of half a patch's side, within which such an edge is the outline itself or moves with it."""
 
 ENOUGH = 6
-"""Corner tracks in sight from which the body's motion is known better by them than by its silhouette."""
+"""Number of visible corner tracks from which they determine the body's motion better than its silhouette does."""
 
 FORGOTTEN = 12
-"""Frames without sight after which a point is not looked for any more."""
+"""Frames out of sight after which a point is given up."""
 
 
 def find_corners(frame: np.ndarray, mask: np.ndarray, most: int = MOST) -> np.ndarray:
-    """Shi-Tomasi corners (K, 2) [px], K <= `most`, well inside `mask` (H, W) of `frame` (H, W, 3) uint8 RGB.
+    """Shi-Tomasi corners (K, 2) [px], K <= `most`, well inside `mask` (H, W) bool of `frame` (H, W, 3) uint8 RGB.
 
-    The minimum distance is found by bisection so that the corners spread over the whole object.
+    Their least distance is found by bisection, so that the corners spread over the whole object.
     """
     gray = cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY)
     rim = int(np.clip(0.05 * np.sqrt(np.count_nonzero(mask)), 1, 6))
     inside = cv2.erode(mask.astype(np.uint8), cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * rim + 1, 2 * rim + 1)), borderValue=0)
-    # goodFeaturesToTrack measures quality against the best corner inside the mask; the patch must also have contrast of its own.
+    # goodFeaturesToTrack rates corners relative to the best one inside the mask; `_refined` checks their absolute contrast.
     low, high = 2.0, max(3.0, float(np.sqrt(np.count_nonzero(mask) / most)) * 2.0)
     best = np.zeros((0, 2))
     for _ in range(8):
@@ -82,7 +82,7 @@ def find_corners(frame: np.ndarray, mask: np.ndarray, most: int = MOST) -> np.nd
 
 
 def _refined(gray: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """Corners with real contrast only: the smaller eigenvalue of the structure tensor above that of the codec's noise."""
+    """The corners (K, 2) [px] with real contrast: the smaller eigenvalue of the structure tensor exceeds that of the codec's noise."""
     if not len(corners):
         return corners
     strength = cv2.cornerMinEigenVal(cv2.GaussianBlur(gray, (0, 0), 1.0), 7, ksize=3)
@@ -92,9 +92,9 @@ def _refined(gray: np.ndarray, corners: np.ndarray) -> np.ndarray:
 
 
 def _off_outline(frame: np.ndarray, mask: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """The corners (K, 2) [px] that are not bits of the object's outline; all of them where too few would be left.
+    """The corners (K, 2) [px] that are not parts of the object's outline; all of them if too few would be left.
 
-    On a plain body the weak corners lie on its rim, where the outline and what it reflects stay behind when the body turns.
+    The weak corners of a plain body lie on its rim, where the outline and reflections do not move with the body when it turns.
     """
     if not len(corners):
         return corners
@@ -118,39 +118,39 @@ class _View:
 
     @staticmethod
     def of(mask: np.ndarray) -> _View:
-        """For an object `mask` (H, W) bool."""
+        """The working copy for an object `mask` (H, W) bool."""
         factor = max(1.0, float(np.sqrt(np.count_nonzero(mask))) / LARGEST)
         size = (round(mask.shape[1] / factor), round(mask.shape[0] / factor))
         return _View(size, np.array(mask.shape[::-1]) / size)
 
     def smaller(self, frame: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The smoothed gray frame and the mask at the working size."""
+        """The smoothed grey frame (h, w) and the mask (h, w) bool at the working size."""
         if self.size != mask.shape[::-1]:
             frame = cv2.resize(frame, self.size, interpolation=cv2.INTER_AREA)
             mask = cv2.resize(mask.astype(np.uint8), self.size, interpolation=cv2.INTER_NEAREST) > 0
         return smooth(frame), mask
 
     def inward(self, xy: np.ndarray) -> np.ndarray:
-        """File pixels to working pixels; pixel centres are at integers in both."""
+        """Working pixels (..., 2) of file pixels xy (..., 2); pixel centres are at integers in both."""
         return (xy + 0.5) / self.scale - 0.5
 
     def outward(self, xy: np.ndarray) -> np.ndarray:
-        """Working pixels to file pixels."""
+        """File pixels (..., 2) of working pixels xy (..., 2)."""
         return (xy + 0.5) * self.scale - 0.5
 
 
 class Tracker:
     """Follows points from frame 0 on.
 
-    Patches and thresholds are in working pixels: a large object is followed in a smaller copy of the clip, where a patch holds as
-    much of its pattern as on a small one. Positions in and out are those of the file.
+    Patches and thresholds are in working pixels: a large object is followed in a smaller copy of the clip, where a patch contains as much
+    of its pattern as on a small object. Positions in and out are the file's.
 
     Attributes:
-        visible: (K,) bool.
+        visible: (K,) bool, in the newest frame.
     """
 
     def __init__(self, frame: np.ndarray, mask: np.ndarray, corners: np.ndarray) -> None:
-        """`frame` (H, W, 3) uint8 RGB, `mask` (H, W) bool, `corners` (K, 2) [px] of frame 0."""
+        """`frame` (H, W, 3) uint8 RGB, `mask` (H, W) bool and `corners` (K, 2) [px] are those of the frame in which the points begin."""
         count = len(corners)
         self._view = _View.of(mask)
         first, inside = self._view.smaller(frame, mask)
@@ -169,18 +169,18 @@ class Tracker:
 
     @property
     def xy(self) -> np.ndarray:
-        """(K, 2) [px], newest positions."""
+        """(K, 2) [px], positions in the newest frame."""
         return self._view.outward(self._xy)
 
     @property
     def sigma(self) -> np.ndarray:
-        """(K,) [px]."""
+        """(K,) [px], their standard deviations."""
         return self._sigma * self._view.scale.mean()
 
     def advance(self, frame: np.ndarray, flow: Flow | None, mask: np.ndarray) -> None:
-        """Follow the points into the next `frame` (H, W, 3) uint8 RGB with its `mask` (H, W) and the flow that leads there.
+        """Follow the points into the next `frame` (H, W, 3) uint8 RGB with its `mask` (H, W) bool, by the `flow` from the frame before.
 
-        Without flow or mask (the object is hidden) all points are invisible; when it is back they start where its centre has gone.
+        While the object is hidden (an empty mask), no point is visible; when it is back, the points start moved by its centroid's shift.
         """
         now, mask = self._view.smaller(frame, mask)
         if not len(self._xy) or not mask.any():
@@ -195,7 +195,7 @@ class Tracker:
         else:
             start, known = self._xy + flow.at(self.xy) / self._view.scale, self.visible
         guess, affine, support = predict(self._rest, start, known, self._affine, self._reach)
-        # A point out of sight has no chain of its own: it starts where its neighbours are.
+        # A point out of sight has no flow of its own: it starts where its neighbours predict it.
         lost = ~known
         start[lost] = guess[lost]
         wanted = ~lost | ((support >= LEAST) & (self._unseen <= FORGOTTEN))
@@ -203,7 +203,7 @@ class Tracker:
         predicted, _, support = predict(self._rest, xy, anchored, shape, self._reach)
         off = disagreement(xy, predicted, support)
         good = anchored & (off < ODD)
-        # An anchor that failed or is odd, but whose chain the neighbours confirm, lives on.
+        # A point whose alignment failed or disagrees stays visible if the neighbours confirm where flow put it.
         chain = ~good & self.visible & (support >= LEAST) & (disagreement(start, predicted, support) < CHAIN_AGREES)
         xy[chain] = start[chain]
         sigma[chain] = np.hypot(self._sigma[chain], CHAIN_STEP)
@@ -216,7 +216,7 @@ class Tracker:
         self._sigma = np.maximum(sigma, FLOOR)
 
     def state(self) -> dict[str, np.ndarray]:
-        """All that the frames to come depend on, besides what the tracker was made of."""
+        """All that later frames depend on, besides the arguments of the constructor."""
         second = {} if self._second is self._patches else to_arrays(self._second, "second.")
         return second | {
             "second_affine": self._second_affine,
@@ -230,7 +230,7 @@ class Tracker:
         }
 
     def resume(self, state: dict[str, np.ndarray]) -> None:
-        """Go on as a tracker made of the same, which gave `state`, would have."""
+        """Continue as the tracker that returned `state`, constructed with the same arguments, would have."""
         if "second.values" in state:
             self._second = from_arrays(Patches, state, "second.")
         self._second_affine, self._second_sigma = state["second_affine"], state["second_sigma"]
@@ -240,7 +240,8 @@ class Tracker:
     def _anchor(
         self, now: np.ndarray, start: np.ndarray, affine: np.ndarray, wanted: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Positions, shapes, sigmas and success of aligning with frame 0, or failing that with the point's second template."""
+        """Align the `wanted` points with frame 0 or, failing that, with their second templates: positions (K, 2), shapes (K, 2, 2), sigmas
+        (K,), and which points were aligned (K,) bool."""
         xy, shape, sigma = start.copy(), affine.copy(), self._sigma.copy()
         anchored = np.zeros(len(start), bool)
         for second in (False, True):
@@ -261,7 +262,7 @@ class Tracker:
         return xy, shape, sigma, anchored
 
     def _renew(self, now: np.ndarray, index: np.ndarray, xy: np.ndarray, shape: np.ndarray, sigma: np.ndarray) -> None:
-        """Take this frame as the second template of the points `index`: the last one that still looked like frame 0."""
+        """Make this frame the second template of the points `index`: the last frame in which they still looked as in frame 0."""
         if not len(index):
             return
         fresh = cut_patches(now, np.ones_like(now), xy[index])

@@ -159,7 +159,7 @@ def test_lists_of_objects_that_are_none(tmp_path: Path, text: str | None) -> Non
     path = tmp_path / "objects.json"
     if text is not None:
         path.write_text(text)
-    says = "of object 1 is missing, or of another kind: object, material" if text and '"a"' in text else "objects|mask"
+    says = "values of object 1 are missing or of the wrong kind: object, material" if text and '"a"' in text else "objects|mask"
     with pytest.raises(UsageError, match=says):
         recover(parser().parse_args(["recover", "clip", "--take", str(tmp_path / "t"), "--objects", str(path)]), NoProgress())
 

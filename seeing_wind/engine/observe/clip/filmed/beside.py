@@ -1,4 +1,4 @@
-"""Another thing that moves and touches the object: what it pulls or pushes counts as force of the field."""
+"""Another thing that moves and touches the object: its pull or push would be taken for a force of the field."""
 
 from __future__ import annotations
 
@@ -13,20 +13,21 @@ from ...mask.motion import cut, window_of, within
 from ..stored import Frames, some_of
 
 LOOKS = 9
-"""Frames that are looked at, spread over the clip."""
+"""Number of frames examined, spread over the clip."""
 
 RIM, REACH = 0.03, 0.5
-"""How far from the outline a blurred rim may reach and another thing is looked for, in units of the root of the object's area."""
+"""Distances from the outline up to which a blurred rim may reach, and up to which another thing is sought, in units of the root of the
+object's area."""
 
 DIFFERS = 6.0
-"""Times the noise by which it differs from the background."""
+"""Least difference of another thing from the background [times the noise]."""
 
 LEAST = 0.04
-"""Its area, as far as it is within reach, in units of the object's."""
+"""Least area of another thing within REACH, in units of the object's."""
 
 
 def touching(frames: Frames, masks: Masks, plate: Plate) -> Doubt | None:
-    """Said where in most frames something that is no shadow differs from the background right beside the object.
+    """The doubt to report if, in most frames, something other than a shadow differs from the background right beside the object.
 
     Args:
         frames: (T+1, H, W, 3) uint8 RGB; masks: (T+1, H, W) bool, the object in them; plate: the background.
@@ -38,13 +39,13 @@ def touching(frames: Frames, masks: Masks, plate: Plate) -> Doubt | None:
     return Doubt(
         0.65,
         f"Something else moves and touches the object ({100 * float(np.median(seen)):.0f} % of its area, beside it): if it is a rope, a "
-        "hand or another thing, what it pulls counts as the field's force.",
+        "hand or another thing, its pull is taken for a force of the field.",
         "Mark both as one object, or mark where it is held.",
     )
 
 
 def _beside(frame: np.ndarray, mask: np.ndarray, plate: Plate) -> float:
-    """Area of what touches the object `mask` (H, W) bool, moves and is no part of it, in units of its own."""
+    """Area of other moving things that touch the object `mask` (H, W) bool, in units of the object's area."""
     size = float(np.sqrt(mask.sum()))
     window = within(window_of(mask, round(REACH * size) + 4), frame)
     shape = cut(mask, window, cv2.BORDER_CONSTANT).astype(np.uint8)

@@ -1,4 +1,4 @@
-"""Interlaced video: the odd rows of a frame were filmed after the even ones, so whatever moves has a comb for a rim."""
+"""Interlaced video: the odd rows of a frame were filmed after the even ones, so the rims of moving things look like combs."""
 
 from __future__ import annotations
 
@@ -8,24 +8,24 @@ import numpy as np
 from ....records import Doubt
 
 EVERY, MOST = 6, 8
-"""Frames from one that is looked at to the next, as what moves does so for longer, and how many with motion in them are enough."""
+"""One frame in EVERY is examined, as motion lasts longer than that; MOST frames with motion in them are enough."""
 
 CHANGED = 12.0
-"""Grey levels by which a pixel differs from the frame before for it to move."""
+"""Difference from the frame before from which a pixel counts as moving [grey levels]."""
 
 TOOTH = 10.0
-"""Grey levels by which a row differs from both of its neighbours, in the same direction, in a comb."""
+"""Difference between a row and both of its neighbours, of the same sign, from which there is a comb [grey levels]."""
 
 LEAST, TIMES = 0.1, 4.0
-"""Part of what moves that is comb along the rows, and how many times that along the columns, where no camera makes one: a texture and
-grain have as much of both."""
+"""Least fraction of the moving pixels that are comb along the rows, and its least ratio to the fraction along the columns, which no camera
+combs: a texture and grain have as much of both."""
 
 FEWEST = 200
-"""Moving pixels below which nothing can be said."""
+"""Least number of moving pixels in a frame to judge it."""
 
 
 class Combing:
-    """Looks at some of the frames as they are decoded, at the file's own size, which a smaller copy does not keep."""
+    """Examines some of the frames as they are decoded, at the file's own size: a smaller copy would not keep the comb."""
 
     def __init__(self) -> None:
         self._count = 0
@@ -33,7 +33,7 @@ class Combing:
         self._found: list[bool] = []
 
     def add(self, frame: np.ndarray) -> None:
-        """The next frame (H, W, 3) uint8 RGB."""
+        """Add the next frame (H, W, 3) uint8 RGB."""
         turn = self._count % EVERY
         self._count += 1
         if turn > 1 or len(self._found) == MOST:
@@ -51,18 +51,18 @@ class Combing:
                 self._found.append(rows > max(LEAST, TIMES * columns))
 
     def doubt(self) -> Doubt | None:
-        """Said where most frames with motion in them are combed."""
+        """The doubt to report if most frames with motion in them are combed; else None."""
         if not self._found or np.mean(self._found) <= 0.5:
             return None
         return Doubt(
             1.1,
-            "The clip is interlaced: every second row was filmed a moment later, so the rim of what moves is a comb.",
+            "The clip is interlaced: every second row was filmed a moment later, so the rims of moving things look like combs.",
             "Deinterlace it, for example with FFmpeg's filter bwdif.",
         )
 
 
 def _comb(gray: np.ndarray, moves: np.ndarray) -> float:
-    """Part of the pixels that `moves` (H, W) bool whose row differs from the rows above and below, which are alike."""
+    """Fraction of the moving pixels, `moves` (H, W) bool, at which the row differs from the rows above and below while these are alike."""
     above, below = gray[1:-1] - gray[:-2], gray[1:-1] - gray[2:]
     tooth = (above * below > 0.0) & (np.minimum(np.abs(above), np.abs(below)) > TOOTH) & (np.abs(above - below) < TOOTH)
     return float((tooth & moves[1:-1]).sum() / max(int(moves[1:-1].sum()), 1))

@@ -1,4 +1,4 @@
-"""What the surroundings of the object do while the camera films: they show a lens that refocuses and a sensor that is read row by row."""
+"""How the surroundings of the object move in the frames: this reveals a lens that refocuses, and a sensor that is read row by row."""
 
 from __future__ import annotations
 
@@ -13,42 +13,42 @@ from ..shake import LEAST_CORNERS, LEAST_PART, surrounding_corners, there_and_ba
 from ..stored import Frames
 
 MOST = 20
-"""Frames that are looked at, spread over the clip."""
+"""Largest number of frames examined, spread over the clip."""
 
 RETURNS = 0.5
-"""Pixels within which a corner that is followed there and back returns."""
+"""Distance [px] from its start within which a corner must return when it is tracked forwards and back."""
 
 BREATHES = 0.004
-"""Relative change of the frame's size from which it is told: two pixels at the rim of a frame of 1000. Corners are tracked ten times
-as well."""
+"""Relative change of the image's size from which it is reported: two pixels at the rim of a frame of 1000. Corners are tracked ten times
+as accurately."""
 
 ROUND, JUMPS = 5, 4.0
-"""Frames over whose median it is taken, and how many times as much as they usually differ from that it has to be."""
+"""Number of frames over whose median the size is smoothed, and the least ratio of its change to the usual difference from that median."""
 
 SLIDES = 0.05
-"""Part of the frame's width by which a frame that grows may slide: a camera that moves does both."""
+"""Largest shift of the image, in units of the frame's width, while its size changes: a camera that moves causes both."""
 
 LEANS = 0.7
-"""Pixels over the frame's height by which upright things lean, from which it is told."""
+"""Lean of upright things over the frame's height from which it is reported [px]."""
 
 READ, AGREE = (0.1, 1.2), 0.8
-"""Part of the time between two frames that a sensor takes to be read, and how closely the leaning has to follow the camera's speed."""
+"""Range of a sensor's readout time, in units of the time between frames, and the least correlation of the lean with the camera's speed."""
 
 
 @dataclass(frozen=True)
 class Motion:
-    """Of the surroundings, against frame 0, as affine maps, in those frames in which they could be followed."""
+    """The motion of the surroundings from frame 0, as affine maps, in the P frames in which they could be followed."""
 
     frames: np.ndarray
-    """(P,) int."""
+    """(P,) int, the frames' numbers."""
     affine: np.ndarray
     """(P, 2, 3) [px], about the frame's middle."""
     speed: np.ndarray
-    """(P,) [px per frame] to the right."""
+    """(P,) speed to the right [px per frame]."""
 
 
 def camera_doubts(frames: Frames, around: np.ndarray, progress: Progress) -> list[Doubt]:
-    """What is said of the camera by the surroundings of the object.
+    """Doubts about the camera, from the motion of the object's surroundings.
 
     Args:
         frames: (T+1, H, W, 3) uint8 RGB, as filmed.
@@ -60,7 +60,7 @@ def camera_doubts(frames: Frames, around: np.ndarray, progress: Progress) -> lis
 
 
 def surroundings(frames: Frames, around: np.ndarray, progress: Progress) -> Motion:
-    """How the corners round the object move, by pyramidal Lucas-Kanade and RANSAC."""
+    """The motion of the corners round the object, by pyramidal Lucas-Kanade and RANSAC. Arguments as of `camera_doubts`."""
     first = cv2.cvtColor(frames[0], cv2.COLOR_RGB2GRAY)
     height, width = first.shape
     corners = surrounding_corners(first, around, max(8.0, width / 40))
@@ -94,7 +94,7 @@ def _breathing(motion: Motion, width: int) -> Doubt | None:
         return None
     size = np.sqrt(np.abs(np.linalg.det(motion.affine[:, :, :2]))) - 1.0
     slide = np.linalg.norm(motion.affine[:, :, 2], axis=1)
-    # A lens moves smoothly; few corners, or ones that are not still, give sizes that jump.
+    # A lens moves smoothly; sizes jump if there are few corners, or if the corners are not still.
     padded = np.pad(size, ROUND // 2, mode="edge")
     smooth = np.median(np.lib.stride_tricks.sliding_window_view(padded, ROUND), axis=1)
     most = int(np.argmax(np.abs(smooth)))
@@ -104,14 +104,14 @@ def _breathing(motion: Motion, width: int) -> Doubt | None:
         0.7,
         f"All that stands still grows or shrinks by up to {100 * abs(smooth[most]):.1f} %, most in frame {motion.frames[most]}: "
         "the lens refocuses or zooms, and that is taken for motion.",
-        "Lock the focus while filming, or choose a part in which it is still.",
+        "Lock the focus while filming, or choose a part of the clip in which it does not change.",
     )
 
 
 def _row_by_row(motion: Motion, height: int) -> Doubt | None:
     if len(motion.frames) < 6:
         return None
-    # A turn leans columns one way and rows the other, which cancels; a slide while the rows are read leans the columns alone.
+    # A rotation leans columns one way and rows the other, which cancels here; a shift while the rows are read leans only the columns.
     lean = height * (motion.affine[:, 0, 1] + motion.affine[:, 1, 0])
     speed = motion.speed - motion.speed.mean()
     if np.abs(lean - np.median(lean)).max() < LEANS or speed.std() < 1e-6:
