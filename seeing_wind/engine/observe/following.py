@@ -16,7 +16,7 @@ from .clip.lens import Lens
 from .clip.stored import Frames
 from .mask.background import Plate
 from .mask.follow import MaskFollower
-from .mask.through import Follower, followed
+from .mask.through import Follower, follow_clip
 from .networks import Outlined, network_masks, network_tracks
 from .outline import Outline
 from .tracks.centroid import centroid_track
@@ -73,7 +73,7 @@ def follow(clip: Clip, outline: Outline, lens: Lens, progress: Progress, journal
         follower = MaskFollower(frames[0], mask, outline.known, progress)
     else:
         follower = Outlined(frames[0], outlines)
-    masks = followed(frames.__getitem__, len(frames), follower, progress.part(0.3, 0.9), journal.loop("follow"), points)
+    masks = follow_clip(frames.__getitem__, len(frames), follower, progress.part(0.3, 0.9), journal.loop("follow"), points)
     _tell_lost(areas(masks) > 0, progress)
     if given is not None:
         return masks, Tracks(*given, np.zeros(given[0].shape[1], bool))

@@ -14,7 +14,7 @@ from ..errors import ObjectError
 from ..progress import Journal, Progress
 from ..records import Camera, Doubts, Observation
 from ..settings import ObserveSettings
-from .clip.defects import check_frames, tell_defects
+from .clip.defects import check_frames, warn_of_defects
 from .clip.depth import object_depth, typical_depth
 from .clip.filmed.beside import touching
 from .clip.frames import Clip, read_clip
@@ -100,7 +100,7 @@ def _seen(
     masks, tracks = follow(clip, outline, lens, progress, journal)
     median = None if steady.plate is None else steady.plate.color
     bare = beside.submit(clean_plate, clip.frames, masks, median, progress)
-    tell_defects(clip.frames, masks, progress)
+    warn_of_defects(clip.frames, masks, progress)
     doubts = [*steady.doubts, *outline.doubts, *(steady.asked.result() if steady.asked is not None else ())]
     if outline.known.still is not None:
         doubts += [one for one in (touching(clip.frames, masks, outline.known.still),) if one is not None]

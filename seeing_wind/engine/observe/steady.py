@@ -17,7 +17,7 @@ from .clip.filmed.surroundings import camera_doubts
 from .clip.frames import Clip
 from .clip.lens import Lens
 from .clip.shake import camera_turns, stabilise
-from .clip.stillness import contradicted, stands_still
+from .clip.stillness import path_doubt, stands_still
 from .mask.background import Plate, median_plate
 from .mask.first_mask import point_list, read_mask
 from .networks import first_depth
@@ -65,11 +65,11 @@ def steady_clip(clip: Clip, settings: ObserveSettings, progress: Progress, journ
     progress.update(0.05, "looking at the background")
     still = stands_still(clip.frames, camera, around)
     doubts, asked = [*clip.doubts], None if settings.camera is not None else beside.submit(camera_doubts, clip.frames, around, progress)
-    if (wrong_path := contradicted(clip.frames, camera, around, distance)) is not None:
+    if (wrong_path := path_doubt(clip.frames, camera, around, distance)) is not None:
         doubts.append(wrong_path)
     turns = None if still or settings.camera is not None else camera_turns(clip.frames, camera, around, progress, journal)
     if turns is not None:
-        progress.warn("The camera is not quite still; it is taken to turn in the hand, and its turns are taken out.")
+        progress.warn("The camera is not quite still: it is taken to turn in the hand, and its turns are removed from the frames.")
         still = True
         clip = replace(clip, frames=stabilise(clip.frames, turns, camera, progress))
     elif not still and settings.camera is None:

@@ -11,14 +11,14 @@ from scenes import Scene, moving_body, noise, write_video
 
 from seeing_wind.engine.errors import ClipError
 from seeing_wind.engine.observe import observe
-from seeing_wind.engine.observe.clip.defects import check_frames, tell_defects
+from seeing_wind.engine.observe.clip.defects import check_frames, warn_of_defects
 from seeing_wind.engine.progress import NoProgress, Progress
 from seeing_wind.engine.settings import ObserveSettings
 
 
 def told(frames: np.ndarray, masks: np.ndarray) -> list[str]:
     messages: list[dict] = []
-    tell_defects(frames, masks, Progress(messages.append))
+    warn_of_defects(frames, masks, Progress(messages.append))
     return [one["message"] for one in messages if one["type"] == "warning"]
 
 

@@ -13,7 +13,7 @@ from scipy import ndimage
 from seeing_wind.engine.command.arguments import parser
 from seeing_wind.engine.errors import ObjectError, UsageError
 from seeing_wind.engine.observe import observe
-from seeing_wind.engine.observe.mask.background import median_plate, seen_first
+from seeing_wind.engine.observe.mask.background import median_plate, plate_with_first
 from seeing_wind.engine.observe.mask.cutting import HOLE, SPECK, enclosed, tidy
 from seeing_wind.engine.observe.mask.first_mask import mask_from_points, read_mask
 from seeing_wind.engine.observe.mask.motion import median_of
@@ -192,7 +192,7 @@ def test_background_is_known_where_the_object_comes_to_turn(tmp_path: Path) -> N
     plate = median_plate(scene.frames, NoProgress())
     place = scene.masks[-1] & ~scene.masks[0]
     assert plate.reliable[place].mean() < 0.5
-    better = seen_first(plate, scene.frames, scene.masks[0], scene.masks[0])
+    better = plate_with_first(plate, scene.frames, scene.masks[0], scene.masks[0])
     assert better.reliable[place].mean() > 0.95 and not (plate.reliable & ~better.reliable).any()
     assert np.abs(better.color[place].astype(int) - scene.frames[0][place]).mean() < 3
     seen = observe(scene.path, ObserveSettings(box=scene.box, distance=1.0), NoProgress())

@@ -14,7 +14,7 @@ from seeing_wind.engine.observe import observe
 from seeing_wind.engine.observe.mask.background import Plate, plate_behind
 from seeing_wind.engine.observe.mask.carried import Carried
 from seeing_wind.engine.observe.mask.cutting import tidy
-from seeing_wind.engine.observe.mask.evidence import Contrast, against_plate, against_shape, cut_out, weighed
+from seeing_wind.engine.observe.mask.evidence import Contrast, against_plate, against_shape, cut_out, total_odds
 from seeing_wind.engine.observe.mask.follow import MaskFollower, Surroundings
 from seeing_wind.engine.observe.mask.motion import Flow
 from seeing_wind.engine.observe.mask.moving.in_box import moving_in
@@ -253,9 +253,9 @@ def test_what_is_carried_goes_on_where_an_interrupted_run_left_it() -> None:
 def test_beside_another_thing_colours_tell_what_is_no_background() -> None:
     nothing, colors = np.zeros((20, 20), bool), np.where(np.arange(20) < 10, 1.0, -1.0) * np.ones((20, 1))
     seen, other = (np.full((20, 20), 3.0), ~nothing), nothing.copy()
-    assert (weighed(np.zeros((20, 20)), seen, colors, nothing) > 0.0).all(), "it is no background"
+    assert (total_odds(np.zeros((20, 20)), seen, colors, nothing) > 0.0).all(), "it is no background"
     other[:, 16:] = True
-    odds = weighed(np.zeros((20, 20)), seen, colors, other, 2.0)
+    odds = total_odds(np.zeros((20, 20)), seen, colors, other, 2.0)
     assert (odds[:, :10] > 0.0).all() and (odds[:, 12:] < 0.0).all(), "nor does motion tell the two apart there"
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from seeing_wind.engine.observe.mask.background import Plate
 from seeing_wind.engine.observe.mask.evidence import Contrast, against_plate, cut_out
-from seeing_wind.engine.observe.mask.rim import boxed_in, core, cut_again, cut_back, halved, unshaded
+from seeing_wind.engine.observe.mask.rim import core, cut_again, cut_back, halved, without_cut_parts, without_shadow
 from seeing_wind.engine.progress import NoProgress
 
 SIZE = 120
@@ -40,7 +40,7 @@ def under(blur: float) -> tuple[np.ndarray, np.ndarray]:
 
 def test_a_shadow_that_moves_along_is_left_out() -> None:
     light, dark = under(3.0)
-    found = unshaded(painted(BALL, (230, 200, 60), light), BALL | dark, plate())
+    found = without_shadow(painted(BALL, (230, 200, 60), light), BALL | dark, plate())
     assert overlap(BALL | dark, BALL) < 0.87
     assert overlap(found, BALL) > 0.91
 
@@ -49,21 +49,21 @@ def test_a_dark_part_with_an_edge_as_sharp_as_the_object_s_is_no_shadow() -> Non
     light, _ = under(0.5)
     part = (light < 0.7) & ~BALL
     whole = BALL | part
-    assert np.array_equal(unshaded(painted(BALL, (230, 200, 60), light), whole, plate()), whole)
+    assert np.array_equal(without_shadow(painted(BALL, (230, 200, 60), light), whole, plate()), whole)
 
 
 @pytest.mark.parametrize("color", [(60, 60, 60), (230, 200, 60)])
 def test_an_object_without_a_shadow_stays_as_it_is(color: tuple[float, float, float]) -> None:
-    assert np.array_equal(unshaded(painted(BALL, color), BALL, plate()), BALL)
+    assert np.array_equal(without_shadow(painted(BALL, color), BALL, plate()), BALL)
     nothing = np.zeros_like(BALL)
-    assert not unshaded(painted(BALL, color), nothing, plate()).any()
+    assert not without_shadow(painted(BALL, color), nothing, plate()).any()
 
 
 def test_a_bright_part_that_fades_out_is_no_shadow() -> None:
     light, dark = under(3.0)
     whole = BALL | dark
     dim = Plate(np.full((SIZE, SIZE, 3), 40, np.uint8), np.ones((SIZE, SIZE), bool), 2.0)
-    assert np.array_equal(unshaded(painted(BALL, (250, 240, 90), light), whole, dim), whole)
+    assert np.array_equal(without_shadow(painted(BALL, (250, 240, 90), light), whole, dim), whole)
 
 
 def test_what_the_box_cuts_through_is_something_else() -> None:
@@ -74,12 +74,12 @@ def test_what_the_box_cuts_through_is_something_else() -> None:
     frame = painted(BALL | rod, (60, 60, 200))
     frame[rod & (COLUMNS > 87)] = (250, 250, 250)
     frame[rod & (COLUMNS <= 87)] = (250, 250, 250)
-    found = boxed_in(frame, (BALL | rod) & inside, inside, plate())
+    found = without_cut_parts(frame, (BALL | rod) & inside, inside, plate())
     assert overlap(found, BALL) > 0.97
     short = rod & (COLUMNS < 94)
     frame = painted(BALL, (60, 60, 200))
     frame[short] = (250, 250, 250)
-    assert overlap(boxed_in(frame, BALL | short, inside, plate()), BALL | short) > 0.99
+    assert overlap(without_cut_parts(frame, BALL | short, inside, plate()), BALL | short) > 0.99
 
 
 def test_a_tight_box_takes_nothing_off_the_object() -> None:
@@ -88,7 +88,7 @@ def test_a_tight_box_takes_nothing_off_the_object() -> None:
     tight[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1] = True
     colors = np.where((((ROWS // 6) + (COLUMNS // 6)) % 2 == 0)[..., None], (230.0, 60.0, 60.0), (40.0, 60.0, 220.0))
     frame = np.where(BALL[..., None], colors, FLOOR).astype(np.uint8)
-    assert np.array_equal(boxed_in(frame, BALL, tight, plate()), BALL)
+    assert np.array_equal(without_cut_parts(frame, BALL, tight, plate()), BALL)
 
 
 def test_an_outline_that_was_carried_a_little_off_is_found_again() -> None:

@@ -10,7 +10,7 @@ import pytest
 from scenes import noise
 
 from seeing_wind.engine.observe.clip.camera import find_camera
-from seeing_wind.engine.observe.clip.stillness import contradicted, stands_still
+from seeing_wind.engine.observe.clip.stillness import path_doubt, stands_still
 from seeing_wind.engine.progress import NoProgress
 from seeing_wind.engine.settings import ObserveSettings
 
@@ -78,9 +78,9 @@ def test_a_path_that_the_frames_contradict_is_said() -> None:
     path[:, 0, 3] += 0.01 * np.arange(COUNT)
     moving, still = replace(CAMERA, camera_to_world=path), leaves(np.zeros((COUNT, 2)))
     pixels = 0.01 * CAMERA.fx * np.arange(COUNT)
-    said = contradicted(still, moving, NOWHERE, 1.0)
+    said = path_doubt(still, moving, NOWHERE, 1.0)
     assert said is not None and f"by {pixels[-1]:.0f} px" in str(said)
     filmed = leaves(np.round(np.stack([pixels, np.zeros(COUNT)], axis=1)))
-    assert contradicted(filmed, moving, NOWHERE, 1.0) is None
-    assert contradicted(still, CAMERA, NOWHERE, 1.0) is None, "a camera that says itself that it stands still"
-    assert contradicted(np.full_like(still, 120), moving, NOWHERE, 1.0) is None, "a plain wall tells nothing"
+    assert path_doubt(filmed, moving, NOWHERE, 1.0) is None
+    assert path_doubt(still, CAMERA, NOWHERE, 1.0) is None, "a camera that says itself that it stands still"
+    assert path_doubt(np.full_like(still, 120), moving, NOWHERE, 1.0) is None, "a plain wall tells nothing"

@@ -76,7 +76,7 @@ def _frame_before_cut(small: np.ndarray) -> int | None:
     return None
 
 
-def tell_defects(frames: Frames, masks: Masks, progress: Progress) -> None:
+def warn_of_defects(frames: Frames, masks: Masks, progress: Progress) -> None:
     """Warn of defects that make the result less certain: the object reaches over the frame's edge, or is blurred by its motion.
 
     Args:

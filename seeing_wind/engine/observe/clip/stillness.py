@@ -70,7 +70,7 @@ def stands_still(frames: Frames, camera: Camera, around: np.ndarray) -> bool:
     return not moves or _stays(frames, moves, around)
 
 
-def contradicted(frames: Frames, camera: Camera, around: np.ndarray, distance: float) -> Doubt | None:
+def path_doubt(frames: Frames, camera: Camera, around: np.ndarray, distance: float) -> Doubt | None:
     """The doubt to report if the poses of `camera` would move still things across the view, but the surroundings do not move there.
 
     Args:

@@ -65,7 +65,7 @@ def from_transforms(path: str, values: dict[str, Any], width: int, height: int) 
         raise UsageError(f"{path} has a frame without transform_matrix.", "Export it again from nerfstudio or COLMAP.")
     own = [{key: frame[key] for key in ("fl_x", "fl_y", "cx", "cy", "w", "h", *LENS) if key in frame} for frame in frames]
     if any(one != own[0] for one in own):
-        raise UsageError(f"{path} has different lenses in some frames.", "Give a clip that was filmed without zooming.")
+        raise UsageError(f"{path} has another lens in some frames.", "Give a clip that was filmed without zooming.")
     lens = {**values, **own[0]}
     lens |= {key: number_in(path, key, lens[key]) for key in ("fl_x", "fl_y", "cx", "cy", "w", "h", "camera_angle_x") if key in lens}
     size = (int(lens.get("w", width)), int(lens.get("h", height)))

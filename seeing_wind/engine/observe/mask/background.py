@@ -13,7 +13,7 @@ from ...masks import Masks, box_of, rows_columns
 from ...progress import Progress
 from ..clip.stored import Frames, some_of
 from .cutting import enclosed, grown, opened
-from .motion import Window, cut, passed, within
+from .motion import Window, cut, window_of_all, within
 
 GRAIN = 0.8
 """Standard deviation of the blur [px] that averages out grain before a frame is compared."""
@@ -173,7 +173,7 @@ def _exchanges(count: int, first: int, last: int) -> list[tuple[int, int]]:
     return kept[::-1]
 
 
-def seen_first(plate: Plate, frames: Frames, mask: np.ndarray, around: np.ndarray) -> Plate:
+def plate_with_first(plate: Plate, frames: Frames, mask: np.ndarray, around: np.ndarray) -> Plate:
     """The plate corrected by frame 0, which shows the background wherever the object cannot be; if the median differs there, it shows
     something that passes.
 
@@ -205,7 +205,7 @@ def seen_first(plate: Plate, frames: Frames, mask: np.ndarray, around: np.ndarra
 def plate_behind(frames: Frames, masks: Masks, before: Plate, median: np.ndarray, progress: Progress) -> Plate:
     """A better plate once the object's `masks` (T+1, H, W) are known: reliable where the object leaves in some frames and these agree."""
     color = clean_plate(frames, masks, median, progress)
-    x0, y0, x1, y1 = within(passed(masks, 4), color)
+    x0, y0, x1, y1 = within(window_of_all(masks, 4), color)
     part = np.s_[y0:y1, x0:x1]
     # Counted twice: outside the silhouette, and outside its convex hull.
     leaves, agree = np.zeros((2, 2, y1 - y0, x1 - x0), np.int32)
@@ -236,7 +236,7 @@ def clean_plate(frames: Frames, masks: Masks, median: np.ndarray | None, progres
     color = median.copy()
     if not masks.windows[chosen].any():
         return color
-    x0, top, x1, bottom = within(passed(masks, 4), color)
+    x0, top, x1, bottom = within(window_of_all(masks, 4), color)
     window = np.s_[top:bottom, x0:x1]
     covered = np.stack([grown(masks[t][window]) for t in chosen])
     whole = np.stack([grown(enclosed(masks[t][window])) for t in chosen])

@@ -11,15 +11,15 @@ from ...masks import Masks, areas
 from ...progress import Journal, Progress
 from ...settings import ObserveSettings
 from ..clip.stored import Frames, some_of
-from .background import Plate, plate_behind, seen_first
+from .background import Plate, plate_behind, plate_with_first
 from .evidence import Contrast
 from .follow import MaskFollower, Surroundings
 from .from_box import better_drawn, by_colors, refined
 from .motion import window_of, within
-from .moving.in_box import NEARBY, Moving, changes
+from .moving.in_box import NEARBY, Moving, change_odds
 from .moving.others import beyond_box
-from .rim import boxed_in, cut_back
-from .through import followed
+from .rim import cut_back, without_cut_parts
+from .through import follow_clip
 
 ROUGH_PIXELS = 40_000
 """Area of the object's bounding box [px] beyond which the rough follow, which finds the background, runs on smaller frames."""
@@ -51,7 +51,7 @@ def with_background(
         around: (H, W) bool, where the object is according to the user's mask, box or points.
     """
     boxed, contrast, other = boxed_alone(settings), None, np.zeros_like(mask)
-    behind = seen_first(plate, frames, mask, around if settings.box is not None else mask)
+    behind = plate_with_first(plate, frames, mask, around if settings.box is not None else mask)
     if boxed:
         mask, other = _again(frames[0], mask, behind, contrast, around, moving)
     if settings.mask_model:
@@ -65,7 +65,7 @@ def with_background(
         contrast = Contrast(behind, ((frames[int(t)], masks[int(t)]) for t in seen[some_of(len(seen), LEARNT)]))
     if colored is not None:
         mask, other = _again(frames[0], mask, behind, contrast, around, moving)
-        still = changes(frames[0], plate, moving, within(window_of(around, NEARBY), mask)) < 0.0
+        still = change_odds(frames[0], plate, moving, within(window_of(around, NEARBY), mask)) < 0.0
         mask = better_drawn(frames[0], cut_back(frames[0], mask, behind, progress) & around, colored.result(), around, still)
     return mask, Surroundings(behind, contrast, other)
 
@@ -76,7 +76,7 @@ def _again(
     """The object (H, W) bool in `frame`, which is frame 0, found again from `mask` (H, W) bool now that the background is known, inside the
     box `around` (H, W) bool; and (H, W) bool, another thing that moves along with the object."""
     other = beyond_box(frame, mask, around, plate, moving)
-    return boxed_in(frame, refined(frame, mask & ~other, plate, around, moving, other, contrast), around, plate), other
+    return without_cut_parts(frame, refined(frame, mask & ~other, plate, around, moving, other, contrast), around, plate), other
 
 
 def _roughly(
@@ -98,5 +98,5 @@ def _roughly(
     behind = Plate(small(plate.color), small(plate.reliable.astype(np.uint8) * 255) == 255, plate.noise)
     first, along = (small(one.astype(np.uint8) * 255) >= 128 for one in (mask, other))
     follower = MaskFollower(small(frames[0]), first, Surroundings(behind, other=along), progress, trim=False)
-    found = followed(lambda t: small(frames[t]), len(frames), follower, progress.part(0.1, 0.3), journal.loop("follow roughly"))
+    found = follow_clip(lambda t: small(frames[t]), len(frames), follower, progress.part(0.1, 0.3), journal.loop("follow roughly"))
     return found if scale == 1.0 else Masks.of(large(found[t]) if t else mask for t in range(len(found)))

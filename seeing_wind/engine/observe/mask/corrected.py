@@ -18,7 +18,7 @@ from .evidence import FEW, RIM
 from .first_mask import SEED
 from .follow import MaskFollower, Surroundings
 from .motion import FlowSolver, cut, middle_of, paste, window_of, within
-from .through import followed
+from .through import follow_clip
 
 LOCAL = 0.6
 """Distance from a mark up to which the outline is found again, in units of the root of the object's area; beyond, it stays as it is."""
@@ -172,7 +172,7 @@ def carried_to_first(frames: Frames, shown: dict[int, np.ndarray], plate: Plate 
     """
     start = min(shown)
     follower = MaskFollower(frames[start], shown[start], Surroundings(plate), progress)
-    mask = followed(lambda t: frames[start - t], start + 1, follower, progress.part(0.08, 0.1), Journal().loop("back"))[start]
+    mask = follow_clip(lambda t: frames[start - t], start + 1, follower, progress.part(0.08, 0.1), Journal().loop("back"))[start]
     if not mask.any():
         raise ObjectError(
             f"The object is marked in frame {start} and cannot be followed back to the first one.",
@@ -271,7 +271,7 @@ def with_corrections(
     if not shown and not marks:
         return None
     follower = MaskFollower(frames[0], mask, known, progress)
-    found = followed(frames.__getitem__, len(frames), follower, progress.part(0.2, 0.3), journal.loop("follow to correct"))
+    found = follow_clip(frames.__getitem__, len(frames), follower, progress.part(0.2, 0.3), journal.loop("follow to correct"))
     found = Masks.of(found[t] if t else unaided for t in range(len(found)))
     marked = {t: with_marks(frames[t], shown.get(t, found[t]), each, progress) for t, each in marks.items()}
     return corrected(frames, found, shown | marked, progress)

@@ -123,7 +123,7 @@ def enclosed(mask: np.ndarray) -> np.ndarray:
     return hull if np.count_nonzero(mask) >= FULL * np.count_nonzero(hull) else mask > 0
 
 
-def hanging_on(parts: np.ndarray, seeds: np.ndarray) -> np.ndarray:
+def connected_to(parts: np.ndarray, seeds: np.ndarray) -> np.ndarray:
     """The `seeds` (h, w) bool and all of the `parts` (h, w) bool that is connected to them."""
     count, labels = cv2.connectedComponents((parts | seeds).astype(np.uint8), connectivity=4)
     touching = np.bincount(labels[seeds], minlength=count) > 0

@@ -208,7 +208,7 @@ def against_shape(shape: np.ndarray, band: float) -> np.ndarray:
     return np.clip(odds, -SURE - 1.0, SURE)
 
 
-def weighed(
+def total_odds(
     expected: np.ndarray,
     seen: tuple[np.ndarray, np.ndarray] | None,
     colors: np.ndarray,

@@ -10,8 +10,8 @@ import numpy as np
 from ...progress import Progress
 from .background import Plate
 from .carried import Carried
-from .cutting import LEAST_PIXELS, hanging_on, opened, tidy
-from .evidence import Contrast, against_plate, against_shape, cut_out, weighed
+from .cutting import LEAST_PIXELS, connected_to, opened, tidy
+from .evidence import Contrast, against_plate, against_shape, cut_out, total_odds
 from .motion import Flow, FlowSolver, Window, band_of, body_shift, cut, median_of, middle_of, paste, placed, shifted, window_of, within
 from .moving.others import Other
 from .moving.panned import PannedPlate
@@ -177,7 +177,7 @@ class MaskFollower:
             return np.zeros_like(carried)
         crop, seen, before = cut(frame, around), self._against_plate(frame, around), placed(carried, where, around)
         colors = self._other.colors.odds(crop)
-        odds = weighed(against_shape(before, band), seen, colors, self._other.over(around) & (colors < 0.0) & ~before)
+        odds = total_odds(against_shape(before, band), seen, colors, self._other.over(around) & (colors < 0.0) & ~before)
         own = tidy(cut_out(odds, crop, float(np.count_nonzero(before))), before)
         if seen is not None:
             differs = seen[1] & (seen[0] > 0.0)
@@ -202,7 +202,7 @@ class MaskFollower:
             return found, where
         sure = seen[1] & (seen[0] > SURELY) & (self._other.colors.odds(cut(frame, wide)) > 0.0)
         sure = opened(sure, THICK)
-        again = hanging_on(sure, placed(found, where, wide) | sure & self._whole.over(wide))
+        again = connected_to(sure, placed(found, where, wide) | sure & self._whole.over(wide))
         return (self._silhouette(frame, again, wide), wide) if np.count_nonzero(again) > np.count_nonzero(found) else (found, where)
 
     def _against_plate(self, frame: np.ndarray, around: Window) -> tuple[np.ndarray, np.ndarray] | None:

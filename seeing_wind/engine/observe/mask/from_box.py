@@ -9,9 +9,9 @@ from ...errors import ObjectError, UsageError
 from ...progress import Progress
 from .background import Plate
 from .cutting import LEAST_PIXELS, closed, enclosed, grab_cut, opened, tidy, widened
-from .evidence import SURE, Colors, Contrast, against_plate, against_shape, cut_out, weighed
+from .evidence import SURE, Colors, Contrast, against_plate, against_shape, cut_out, total_odds
 from .motion import Window, band_of, cut, paste, shifted, window_of, within
-from .moving.in_box import MOVES, NEARBY, Moving, left
+from .moving.in_box import MOVES, NEARBY, Moving, plate_odds
 from .rim import cut_back, rim_of, steepness
 
 STEEPER, SPANS_LESS, STAYS_MORE = 0.05, 0.1, 0.1
@@ -65,7 +65,7 @@ def _by_motion(frame: np.ndarray, inside: np.ndarray, plate: Plate, moving: Movi
     """The region (H, W) bool that GrabCut finds in the box `inside` (H, W) bool of `frame`, which is frame 0, initialised with what moves
     or differs from the background as the object."""
     window, near = _surroundings(inside), within(window_of(inside, NEARBY), frame)
-    boxed, behind = cut(inside, window), left(frame, plate, window)
+    boxed, behind = cut(inside, window), plate_odds(frame, plate, window)
     motion = np.zeros(boxed.shape, np.float32)
     paste(motion, moving(near), shifted(near, -window[0], -window[1]))
     trimap, likely = np.where(boxed, cv2.GC_PR_FGD, cv2.GC_BGD).astype(np.uint8), (motion + behind > 0.0) & boxed
@@ -113,7 +113,7 @@ def _spans(mask: np.ndarray, inside: np.ndarray) -> float:
 
 
 def _surroundings(inside: np.ndarray) -> Window:
-    """The window in which the box `inside` (H, W) bool is segmented: wider by half of its sides, or more, in each direction."""
+    """The window in which the box `inside` (H, W) bool is segmented: half of its longer side wider on each side, clipped to the frame."""
     x0, y0, x1, y1 = window_of(inside, 0)
     return within(window_of(inside, max(20, (x1 - x0) // 2, (y1 - y0) // 2)), inside)
 
@@ -166,7 +166,7 @@ def refined(
     expected = against_shape(shape, band)
     expected = np.where(enclosed(shape), np.maximum(expected, 0.0), expected)
     # Both count half: the silhouette is a first guess, and dense flow extends some pixels beyond a moving object's border.
-    odds = weighed(0.5 * expected, (odds, known), colors, cut(other, window) & ~(known & (odds < 0.0)), 0.5 * moving(window))
+    odds = total_odds(0.5 * expected, (odds, known), colors, cut(other, window) & ~(known & (odds < 0.0)), 0.5 * moving(window))
     inside = cut(allowed, window, cv2.BORDER_CONSTANT)
     odds[~inside] = -2.0 * SURE
     found = tidy(cut_out(odds, crop, float(shape.sum())) & inside, shape)

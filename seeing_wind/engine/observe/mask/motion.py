@@ -67,7 +67,7 @@ def shifted(window: Window, dx: int, dy: int) -> Window:
     return x0 + dx, y0 + dy, x1 + dx, y1 + dy
 
 
-def passed(masks: Masks, margin: int) -> Window:
+def window_of_all(masks: Masks, margin: int) -> Window:
     """The smallest window that contains all `masks` (T+1, H, W), at least one of them not empty, `margin` pixels wider on each side."""
     seen = masks.windows[masks.windows[:, 2] > 0].astype(int)
     (x0, y0), (x1, y1) = seen[:, :2].min(axis=0) - margin, seen[:, 2:].max(axis=0) + margin

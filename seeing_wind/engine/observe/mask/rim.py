@@ -59,9 +59,9 @@ GRAIN = 7.0
 
 
 def cut_back(frame: np.ndarray, mask: np.ndarray, plate: Plate | None, progress: Progress) -> np.ndarray:
-    """The object `mask` (H, W) bool in `frame` (H, W, 3) uint8 with its rim refined: by `unshaded` if the background is known, then by
-    `cut_again` and `halved`."""
-    own = mask if plate is None else unshaded(frame, mask, plate)
+    """The object `mask` (H, W) bool in `frame` (H, W, 3) uint8 with its rim refined: by `without_shadow` if the background is known, then
+    by `cut_again` and `halved`."""
+    own = mask if plate is None else without_shadow(frame, mask, plate)
     if not own.any():
         return own
     again = cut_again(frame, own, progress)
@@ -136,7 +136,7 @@ def _depth(one: np.ndarray) -> np.ndarray:
     return cv2.distanceTransform(cv2.copyMakeBorder(one, 1, 1, 1, 1, cv2.BORDER_REPLICATE), cv2.DIST_L2, 5)[1:-1, 1:-1]
 
 
-def boxed_in(frame: np.ndarray, mask: np.ndarray, box: np.ndarray, plate: Plate) -> np.ndarray:
+def without_cut_parts(frame: np.ndarray, mask: np.ndarray, box: np.ndarray, plate: Plate) -> np.ndarray:
     """The object `mask` (H, W) bool without parts that the user's `box` (H, W) bool cuts through: these go on outside the box, so they are
     not the object.
 
@@ -156,7 +156,7 @@ def boxed_in(frame: np.ndarray, mask: np.ndarray, box: np.ndarray, plate: Plate)
     return _without(mask, shape, gone[labels], window) if gone.any() else mask
 
 
-def unshaded(frame: np.ndarray, mask: np.ndarray, plate: Plate) -> np.ndarray:
+def without_shadow(frame: np.ndarray, mask: np.ndarray, plate: Plate) -> np.ndarray:
     """The object `mask` (H, W) bool without the shadow attached to it.
 
     A watershed (Meyer 1992) finds the steepest edges between the object's core and its surroundings. A part of the mask outside these edges

@@ -43,7 +43,7 @@ class Follower(Protocol):
         """Continue after `frame` and its `mask` as the follower that returned `state` would have."""
 
 
-def followed(
+def follow_clip(
     frame: Callable[[int], np.ndarray],
     count: int,
     follower: Follower,

@@ -13,7 +13,7 @@ from ...records import Attachment, Body, Gaussians, Observation, Particles, Surf
 from ...settings import FLOWING_PARTICLES, PARTICLES, SHEET_VERTICES, BuildSettings
 from ...settings.build import material_of, may_be_sheet
 from .motion.keypoints import held, place, ride
-from .motion.late import among, tie
+from .motion.late import amid_guides, tie
 from .motion.lifting import Sight, lift
 from .shape.on_stem import too_fine, widening
 from .shape.particles import fill
@@ -146,7 +146,7 @@ def _key_points(
     points = place(observation, relief, particles)
     seen = observation.visible & np.isfinite(observation.xy).all(axis=-1)
     first = np.where(seen.any(axis=0) & ~observation.on_centroid, seen.argmax(axis=0), -1)
-    apart = (first > 0) & ~among(observation, first)
+    apart = (first > 0) & ~amid_guides(observation, first)
     if not apart.any():
         return points, np.zeros(len(points))
     ties, sigma = tie(observation, surface, points, np.where(apart | (first == 0), first, -1), progress)

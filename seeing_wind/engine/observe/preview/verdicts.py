@@ -147,7 +147,7 @@ def _sight(seen: Observation) -> Verdict:
             "sight",
             0.5 + len(lost) / len(seen.masks),
             f"The object is out of sight in {len(lost)} of {len(seen.masks)} frames, first in {frame_named(lost[0])}.",
-            f"End the clip before with --frames {seen.first_frame}:{seen.first_frame + max(int(lost[0]) - 1, 1)}.",
+            f"End the clip before that with --frames {seen.first_frame}:{seen.first_frame + max(int(lost[0]) - 1, 1)}.",
         )
     return Verdict("sight", 0.0, "The object is seen in every frame.")
 
@@ -226,7 +226,7 @@ def _scale(settings: ObserveSettings, views: int) -> Verdict:
     if settings.pixels_per_metre or settings.depth or settings.depth_model or (settings.camera and views > 1):
         return Verdict("scale", 0.0, "It is given.")
     if settings.camera:
-        because = "The camera is known but not how far away the object is, so it is taken to be as far as the world's origin."
+        because = "The camera is known, but not the object's distance, so it is taken to be as far away as the world's origin."
         return Verdict("scale", 0.9, because, "Give --distance, --depth or a second --view.")
     return Verdict("scale", 0.9, "No length is known, so forces are off by one unknown factor.", "Give --pixels-per-metre or --distance.")
 

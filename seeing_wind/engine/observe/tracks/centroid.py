@@ -22,8 +22,8 @@ UNKNOWN = 0.3
 """Standard deviation if the clip is too short to measure it [px]."""
 
 WITHOUT_PLATE = 0.02
-"""Standard deviation of the centroid where the coverage is not measured against a known background but taken from the mask, in units of the
-object's size."""
+"""Standard deviation of the centroid, in units of the object's size, if the coverage of all pixels is taken from the mask instead of being
+measured against a known background."""
 
 HIDDEN = 0.3
 """Standard deviation of a small body's centroid if all of it were hidden, in units of the body's size: half its radius."""

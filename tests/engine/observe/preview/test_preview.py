@@ -144,7 +144,7 @@ def test_no_scale(disc_seen: Observation) -> None:
     assert verdict(disc_seen, "scale", ObserveSettings()).severity > 0.0
     assert verdict(disc_seen, "scale", ObserveSettings(pixels_per_metre=300.0)).severity == 0.0
     of_camera = ObserveSettings(camera="camera.json")
-    assert "as far as the world's origin" in verdict(disc_seen, "scale", of_camera).because
+    assert "as far away as the world's origin" in verdict(disc_seen, "scale", of_camera).because
     two = next(one for one in judge(disc_seen, of_camera, None, views=2) if one.item == "scale")
     assert two.severity == 0.0
     given = verdict(disc_seen, "scale", ObserveSettings(distance=2.5))

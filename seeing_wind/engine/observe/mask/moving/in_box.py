@@ -47,7 +47,7 @@ def moving_from(frames: Frames, inside: np.ndarray, plate: Plate, progress: Prog
         return soon
     near = within(window_of(inside, NEARBY), inside)
     # Grid lines and a codec's traces are narrow.
-    boxed, behind = cut(inside, near), opened(left(frames[0], plate, near) > 0.0)
+    boxed, behind = cut(inside, near), opened(plate_odds(frames[0], plate, near) > 0.0)
     moves = (boxed & ((soon(near) > 0.0) | behind)).sum()
     if moves > RESTS * boxed.sum():
         return soon
@@ -63,7 +63,7 @@ def hardly_moves(frame: np.ndarray, inside: np.ndarray, plate: Plate, moving: Mo
     background in `frame`, which is frame 0; else None."""
     near = within(window_of(inside, NEARBY), inside)
     boxed = cut(inside, near)
-    if (boxed & (changes(frame, plate, moving, near) > 0.0)).sum() > MOVES * boxed.sum():
+    if (boxed & (change_odds(frame, plate, moving, near) > 0.0)).sum() > MOVES * boxed.sum():
         return None
     return Doubt(
         1.0,
@@ -72,12 +72,12 @@ def hardly_moves(frame: np.ndarray, inside: np.ndarray, plate: Plate, moving: Mo
     )
 
 
-def changes(frame: np.ndarray, plate: Plate, moving: Moving, window: Window) -> np.ndarray:
+def change_odds(frame: np.ndarray, plate: Plate, moving: Moving, window: Window) -> np.ndarray:
     """Log odds (h, w) in `window` for pixels of `frame`, which is frame 0, that move or differ from the background."""
-    return moving(window) + left(frame, plate, window)
+    return moving(window) + plate_odds(frame, plate, window)
 
 
-def left(frame: np.ndarray, plate: Plate, window: Window) -> np.ndarray:
+def plate_odds(frame: np.ndarray, plate: Plate, window: Window) -> np.ndarray:
     """Log odds (h, w) in `window`: positive where `frame` differs from the background, negative for shadows and blurred rims, 0 where
     nothing differs or the background is unknown."""
     odds, known = against_plate(frame, plate, window, Contrast(), 0.0)

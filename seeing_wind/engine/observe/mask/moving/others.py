@@ -8,10 +8,10 @@ import numpy as np
 
 from ..background import Plate
 from ..carried import Carried
-from ..cutting import enclosed, grown, hanging_on, narrowed, opened, widened
+from ..cutting import connected_to, enclosed, grown, narrowed, opened, widened
 from ..evidence import FEW, Colors
 from ..motion import Flow, Window, cut, joined, paste, placed, window_of, within
-from .in_box import NEARBY, Moving, changes
+from .in_box import NEARBY, Moving, change_odds
 
 FAR = 8
 """Distance [px] outside a box that dense flow, a codec's artefacts and the rim of an object that fills the box do not reach."""
@@ -85,7 +85,7 @@ class Other(Carried):
             self.set((part & ~behind | grown(part) & more & ~enclosed(own)) & ~own, both)
         rest = differs & ~whole
         thick = max(THICK, int(LARGE * np.sqrt(np.count_nonzero(found)))) | 1
-        self._beside.set(hanging_on(rest, opened(rest, thick)), where)
+        self._beside.set(connected_to(rest, opened(rest, thick)), where)
 
     def state(self) -> dict[str, np.ndarray]:
         """See `Carried.state`."""
@@ -115,21 +115,21 @@ def beyond_box(frame: np.ndarray, mask: np.ndarray, inside: np.ndarray, plate: P
     if np.count_nonzero(mask) < FEW:
         return other
     near, moves = within(window_of(inside, NEARBY), frame), np.zeros_like(mask)
-    paste(moves, changes(frame, plate, moving, near) > 0.0, near)
+    paste(moves, change_odds(frame, plate, moving, near) > 0.0, near)
     border = inside & ~narrowed(inside, 2)
-    reaching = border & moves & hanging_on(moves & inside, mask)
+    reaching = border & moves & connected_to(moves & inside, mask)
     if np.count_nonzero(reaching) < 2.0 * least:
         return other
     # A wide window, because flow near a window's edge may lead out of it.
     x0, y0, x1, y1 = window_of(inside, 0)
     window = within((x0 - (x1 - x0) // 2, y0 - (y1 - y0) // 2, x1 + (x1 - x0) // 2, y1 + (y1 - y0) // 2), frame)
     crop, boxed = cut(frame, window), cut(inside, window)
-    likely = changes(frame, plate, moving, window) > 0.0
+    likely = change_odds(frame, plate, moving, window) > 0.0
     out = _leading_away(likely & ~boxed, boxed, cut(reaching, window), least)
     if not out.any():
         return other
     odds = cv2.GaussianBlur(Colors(crop[out], crop[cut(mask, window)]).odds(crop), (0, 0), 1.5)
-    paste(other, hanging_on(opened(odds > COMMONER) & likely & boxed, out), window)
+    paste(other, connected_to(opened(odds > COMMONER) & likely & boxed, out), window)
     return other
 
 

@@ -141,7 +141,7 @@ def _squarely(rest: np.ndarray, surface: Surface, moved: np.ndarray, camera: Cam
     return cosine[facing][near.reshape(len(rest), -1)].mean(axis=1)
 
 
-def among(observation: Observation, first: np.ndarray) -> np.ndarray:
+def amid_guides(observation: Observation, first: np.ndarray) -> np.ndarray:
     """(K,) bool: later tracks that begin amid enough tracks from frame 0, so that these place them (`keypoints.place`)."""
     inside = np.zeros(len(first), bool)
     for t in np.unique(first[first > 0]):

@@ -19,7 +19,7 @@ FLATNESS = 0.02
 """Distance up to which a pixel is on a plane, in units of the square root of the visible area."""
 
 ROUND = 2
-"""A plane is first fitted to a square that reaches so many pixels from a seed."""
+"""Distance [px] from a seed, along rows and columns, of the pixels to which a plane is first fitted."""
 
 SEEDS = 80
 """Number of seeds at which a plane is tried."""
@@ -235,7 +235,7 @@ def _stretch(face: Plane, side: Plane, radius: float, silhouette: np.ndarray, ey
 
 
 def _largest_plane(points: np.ndarray, left: np.ndarray, eye: np.ndarray, tolerance: float) -> Plane | None:
-    """The plane with the most of the pixels `left` (H, W) bool on it; None if they are too thin anywhere to fit a plane.
+    """The plane with the most of the pixels `left` (H, W) bool on it; None if these are nowhere wide enough to fit a plane.
 
     points: (H, W, 3) [m]; eye: (3,) the camera's place [m]; tolerance: distance up to which a pixel is on a plane [m].
     """

@@ -18,7 +18,7 @@ NEAR = 1e-3
 """Triangles with a corner nearer to the camera's plane than this are not drawn [m]."""
 
 EDGE_ON = 1e-9
-"""Least volume that a triangle spans with the camera, in units of its distance cubed; if less, it is seen along its plane and not drawn."""
+"""Least determinant of a triangle's corners in the camera's axes, over its depth cubed; a triangle with less is edge-on and not drawn."""
 
 SHIFT = 0.1
 """Step [px] over which a place is differentiated: a whole pixel can lie beyond the horizon of a plane seen at a grazing angle."""
