@@ -118,7 +118,7 @@ class WorkingSize:
         size = self.file[::-1]
         image = Lens(camera).straight_one(clip.as_filmed(0))
         background = cv2.resize(seen.background, size, interpolation=cv2.INTER_CUBIC)
-        # Off the object frame 0 shows the same, only sharper.
+        # Off the object, frame 0 often shows the same background, only sharper.
         same = (cv2.absdiff(seen.background, seen.image).max(axis=2) < ALIKE) & ~grown(seen.masks[0])
         background[self._larger(same)] = image[self._larger(same)]
         mask = self._larger(seen.masks[0])

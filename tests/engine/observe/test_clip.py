@@ -180,5 +180,5 @@ def test_a_variable_frame_rate_is_told_and_its_mean_taken(tmp_path: Path) -> Non
 
 
 def test_a_video_that_nobody_can_read_is_no_video(tmp_path):
-    with pytest.raises(TakeError, match="is no video"), video_writer(tmp_path / "empty.mp4", 25.0, (64, 48)):
+    with pytest.raises(TakeError, match="wrote cannot be read"), video_writer(tmp_path / "empty.mp4", 25.0, (64, 48)):
         pass  # as one whose frames a full disk has swallowed

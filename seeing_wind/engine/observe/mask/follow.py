@@ -219,7 +219,7 @@ class MaskFollower:
         self._missed, self._gray = self._missed + 1 if self.hidden else 0, gray
         self._steps += 1
         if self.hidden:
-            # The shape seen last moves on by itself.
+            # The shape seen last moves on at the last velocity.
             self._shape.shift(self.velocity if self._steps > 1 else shift)
             return
         before = middle_of(self._shape.part) + self._shape.window[:2]

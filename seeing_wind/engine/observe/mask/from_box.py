@@ -71,8 +71,8 @@ def _by_motion(frame: np.ndarray, inside: np.ndarray, plate: Plate, moving: Movi
     trimap, likely = np.where(boxed, cv2.GC_PR_FGD, cv2.GC_BGD).astype(np.uint8), (motion + behind > 0.0) & boxed
     if likely.sum() > max(MOVES * boxed.sum(), LEAST_PIXELS):
         trimap[boxed & ~likely] = cv2.GC_PR_BGD
-        # Where the median contradicts motion, only a shadow is surely not the object: if the object's path is short, the median shows the
-        # object itself. Blurred rims look like shadows, but are narrow.
+        # Of the pixels that change but are not seen to move, only a shadow's are surely not the object: if the object's path is short, the
+        # median shows the object itself. Blurred rims look like shadows, but are narrow.
         shadow = opened((plate.compared(frame, window)[1] != 0) & (behind < -1.0))
         trimap[boxed & (behind < -1.0) & ((motion < 0.0) | shadow & (motion <= 0.0))] = cv2.GC_BGD
         # Where motion and background agree, colours need not decide; gaps narrower than a codec's blocks are closed.

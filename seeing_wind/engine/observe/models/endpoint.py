@@ -25,7 +25,7 @@ from ...progress import Progress
 from ...reading import parse_json
 
 KEY_VARIABLE = "SEEING_WIND_MATERIAL_KEY"
-"""Environment variable with the endpoint's key. A name of its own: a key meant for one service must not reach another by habit."""
+"""Environment variable with the endpoint's key. Its name is not a common one, so that no other service's key is sent by accident."""
 
 TIMEOUT = 120.0
 """Time within which an answer must arrive [s]: a local model on a CPU takes a minute for a frame."""

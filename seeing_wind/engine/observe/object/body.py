@@ -1,4 +1,4 @@
-"""Stage *build*: from an observation to a body that physics can move (paper, section 3.1)."""
+"""The stage *build*: from an observation to a body that the solver can move (paper, section 3.1)."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ def _sheet(observation: Observation, settings: BuildSettings, material: Material
     if known is None:
         raise MaterialError(f"{material.name} is not known as a sheet.", f"Give one of {', '.join(sorted(SHEETS))}, or --form solid.")
     if material.law in PLASTIC_LAWS:
-        raise MaterialError("A sheet is elastic and cannot have a plastic law.", "Leave --law out, or give --form solid.")
+        raise MaterialError("A sheet is elastic: it has no plastic law.", "Leave --law out, or give --form solid.")
     sheet = known.with_own(settings.density, settings.youngs_modulus, settings.poisson_ratio, settings.thickness)
     if settings.form == "sheet":
         return sheet

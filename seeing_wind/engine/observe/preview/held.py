@@ -71,7 +71,7 @@ def _at_edge(kept: np.ndarray, deep: int) -> np.ndarray:
     """The pixels of `kept` (H, W) bool within `deep` [px] of any edge of the frame that `kept` touches, (H, W) bool."""
     place = np.zeros_like(kept)
     for turn in range(4):
-        turned, at = np.rot90(kept, turn), np.rot90(place, turn)  # views
+        turned, at = np.rot90(kept, turn), np.rot90(place, turn)  # views: writing to `at` fills `place`
         if turned[:NEAR].sum() >= 3:
             at[:deep] |= turned[:deep]
     return place

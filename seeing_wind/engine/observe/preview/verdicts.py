@@ -103,7 +103,7 @@ def _outline(seen: Observation, settings: ObserveSettings, proposed: np.ndarray 
         x0, y0, x1, y1 = settings.box
         rows, columns = np.nonzero(rim)
         on_box = (columns <= x0 + 1) | (columns >= x1 - 1) | (rows <= y0 + 1) | (rows >= y1 - 1)
-        # A side of the box that is the frame's own is judged below.
+        # Where a side of the box is the frame's edge, the outline is judged below.
         inner = (columns > 1) & (rows > 1) & (columns < mask.shape[1] - 2) & (rows < mask.shape[0] - 2)
         part = float((on_box & inner).sum() / length)
         if part > ON_BOX:

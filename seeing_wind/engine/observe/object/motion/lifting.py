@@ -166,7 +166,7 @@ class _Frame:
             rotation = best_rotations(self.before, points, self.edges)
             turned = np.matmul(self.before[self.edges] - self.before[:, None], rotation.transpose(0, 2, 1))  # (K, J, 3)
             rigidity(points, self.edges, turned, EDGE_SIGMA * self.edge, hessian, gradient)
-        # Across the view, pixels and neighbours are better than the prediction, which there only keeps the system regular.
+        # Across the view, pixels and neighbours are better than the prediction; there it only keeps the system regular.
         axes = self.views[0].camera.pose(self.frame)[:3, :3]
         along = 1.0 if len(self.views) == 1 else ACROSS_TRUST  # further cameras see motion along the first one's view
         trust = axes @ np.diag([ACROSS_TRUST, ACROSS_TRUST, along]) @ axes.T / (PREDICTION_SIGMA * self.radius) ** 2

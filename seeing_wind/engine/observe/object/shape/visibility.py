@@ -41,7 +41,7 @@ class Seen:
 
 
 def seen_surface(vertices: np.ndarray, triangles: np.ndarray, camera: Camera, frame: int, rest: np.ndarray, mask: np.ndarray) -> Seen:
-    """The nearest triangle that faces the camera, in every pixel of `mask` that shows one.
+    """The points that the pixels of `mask` show: in each, on the nearest triangle that faces the camera; pixels without one are left out.
 
     Args:
         vertices: (V, 3) in frame `frame` [m]; triangles: (M, 3), counter-clockwise from outside; rest: (V, 3) the vertices in frame 0

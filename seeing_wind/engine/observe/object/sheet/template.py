@@ -54,7 +54,7 @@ class Template:
 
     @cached_property
     def bends(self) -> csr_matrix:
-        """(3V, 3V): x times it times x is the sum of squared angles between faces, relative to those of a curvature of 1 over the size."""
+        """Matrix B (3V, 3V) of the bends: x^T B x is the sum of squared angles between faces, in units of a curvature of 1 / size."""
         a, b, c, d = self.rest[self.hinges].swapaxes(0, 1)
         side = b - a
         one, two = _cotangent(side, c - a), _cotangent(side, d - a)
