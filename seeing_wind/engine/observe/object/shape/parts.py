@@ -5,8 +5,8 @@ place, and where that path is narrow, it runs through a stem. A stem is a rod of
 deep as it is broad (`balls`), and what grows beside the load's path, such as leaves and twigs, is a thin sheet.
 
 The rod has four particles per section, half its radius off the axis, which gives it the second moment of a disc, r² / 4 each way, and so
-its bending stiffness. The particles are a radius apart, and the grid follows: on a grid that the stem does not fill, it would not bend
-properly.
+its bending stiffness. The particles are a radius apart, and the size of the grid's cells follows: cells that the stem does not fill would
+not let it bend properly.
 """
 
 from __future__ import annotations
