@@ -149,7 +149,7 @@ class _Carrier:
             spatial = np.linalg.inv(self.state.F)
             gradient = coefficients[t].T @ self.dphi.numpy() @ spatial
             substeps = self._record(acceleration, gradient, t)
-            force = self.columns.forced(self.coefficients[:, t], self.model.frame_dt)
+            force = self.columns.prepare_frame(self.coefficients[:, t], self.model.frame_dt)
             x[t + 1] = self.state.x
             if self.columns.count:
                 self._carry(self._source(force, substeps, gradient[self.active], spatial[self.active]), substeps)

@@ -63,7 +63,7 @@ def test_what_is_wanted_is_mixed_as_the_changes_are():
 
 def given_to(columns, given):
     """A frame in which a column's place and velocity become those coefficients of the force that it adds, as far as there are three."""
-    force = columns.forced(given, 1.0)
+    force = columns.prepare_frame(given, 1.0)
     states = columns.lanes.transpose(0, 3, 1, 2).reshape(-1, columns.particles, STATE).copy()
     for part in (VELOCITY, PLACE):
         states[: columns.count, 0, part] += force[:, :3]
@@ -100,5 +100,5 @@ def test_a_state_that_is_kept_goes_on_alike():
 
 def test_directions_that_do_nothing_cost_nothing():
     columns = Columns(5, 3, WIDTH)
-    assert columns.forced(np.zeros((5, 6)), 1.0).shape == (0, 6)
+    assert columns.prepare_frame(np.zeros((5, 6)), 1.0).shape == (0, 6)
     assert columns.count == 0 and columns.states().shape == (0, 3, STATE)

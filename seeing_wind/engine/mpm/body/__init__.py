@@ -1,10 +1,10 @@
-"""One body on all cores, or copies of it on a core each.
+"""One body on all cores, or copies of it, each on one core.
 
     substeps.py   `Body`: frames of substeps, forwards and backwards
-    copies_run.py `CopiesRun`: a frame of many copies, or of one with every substep kept
-    packing.py    its particles as the kernels want them, and back
-    columns.py    small changes of its state that are carried along
-    frame_run.py  one frame, and what is kept of it
+    copies_run.py `CopiesRun`: a frame of many copies, or of one body with every substep kept
+    packing.py    the particles in the layout of the kernels, and back
+    columns.py    small changes of the body's state that are carried along
+    frame_run.py  the inputs of one frame, and the states kept of it
 """
 
 from .substeps import Body

@@ -1,6 +1,6 @@
-"""A body's particles as the kernels want them, and back: sorted by cell, cut into tasks, in rows of one precision.
+"""A body's particles in the layout of the kernels, and back: sorted by cell, divided into tasks, in rows of one precision.
 
-Positions are kept relative to the lattice, so that single precision has its digits.
+Positions are stored relative to the lattice, so that single precision loses no digits to a large offset.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from .frame_run import FrameRun, Piece
 _LEAST_PER_TASK = 2000
 """Particles below which another task costs more than it saves."""
 _TASKS_PER_CORE, _LEAST_PER_SPARE_TASK, _MOST_SPARE_TASKS = 8, 5000, 16
-"""Large bodies get more tasks than there are cores, so that nobody waits long for a core that was busy with something else."""
+"""Large bodies get more tasks than there are cores, so that no worker waits long for a core that is busy with other programs."""
 
 
 class Packing:
-    """How the particles of one model that move are laid out in one precision."""
+    """The layout of one model's particles, without those that are HELD, in one precision."""
 
     def __init__(self, model: Model, precision: str, tasks: int | None) -> None:
-        """As of `Body`."""
+        """The arguments are those of `Body`."""
         self.model, self.real = model, dtype_of(precision)
         self.active = np.flatnonzero(model.role != HELD).astype(np.int32)
         count = len(self.active)
@@ -46,7 +46,7 @@ class Packing:
             self.particle[:, place] = column if count == model.particles else column[self.active]
 
     def start(self, state: State, acceleration: np.ndarray, gradient: np.ndarray | None, frame: int, substeps: int) -> FrameRun:
-        """A frame about to start from `state` under acceleration (N, 3), gravity included, and gradient (N, 3, 3)."""
+        """A frame about to start from `state` under acceleration (N, 3) [m/s²], gravity included, and its gradient (N, 3, 3) [1/s²]."""
         m = self.model
         conditions = conditions_for(m, frame, state)
         by_cell = self._by_cell(state.x if len(self.active) == m.particles else state.x[self.active], conditions[0].offset)
@@ -67,7 +67,7 @@ class Packing:
         return force
 
     def combined(self, phi: np.ndarray, dphi: np.ndarray, gravity: np.ndarray, coefficients: np.ndarray, state: np.ndarray) -> np.ndarray:
-        """Rows (copies 3 M, 4) of `packed.forces` from a basis, see `pack.combine_forces`."""
+        """Rows (copies 3 M, 4) of `packed.forces` from coefficients in a basis, see `pack.combine_forces`."""
         force = aligned((3 * len(phi) * len(coefficients), 4), self.real)
         launched_in(self.real, combine_forces)(phi, dphi, gravity, coefficients, state, force)
         return force
@@ -80,7 +80,7 @@ class Packing:
         return rows
 
     def _by_cell(self, x: np.ndarray, offset: np.ndarray) -> np.ndarray:
-        """The order that sorts positions x (M, 3) by cell, along z fastest."""
+        """The order (M,) that sorts positions x (M, 3) [m] by cell, with z varying fastest."""
         if not len(x):
             return np.zeros(0, np.int64)
         key, size = np.zeros(len(x), np.int64), 1
@@ -96,7 +96,7 @@ class Packing:
         return order
 
     def piece(self, c: Conditions, order: np.ndarray, dt: float) -> Piece:
-        """The conditions for particles that are simulated in this order, in substeps of dt [s]."""
+        """The conditions c as arguments of the kernels, for particles simulated in this order in substeps of dt [s]."""
 
         def real(array: np.ndarray) -> np.ndarray:
             return np.ascontiguousarray(array, dtype=self.real)
@@ -113,19 +113,19 @@ class Packing:
         )
 
     def boxes(self, run: FrameRun, packed: np.ndarray, offset: np.ndarray) -> np.ndarray:
-        """First and last of the first nodes of every task's particles, and an origin still to be found, (tasks, BOX) int32."""
+        """(tasks, BOX) int32: first and last of the first nodes of each task's particles, and 0 for ORIGIN, which is set later."""
         if not len(packed):
             return np.zeros((self.tasks, parallel.BOX), np.int32)
         x = np.ascontiguousarray(packed.reshape(-1, 6, 4)[:, :3, 3].T)
         rows = [x[:, a:b] for a, b in zip(run.first, run.first[1:])]
-        reach = np.array([[row.min(axis=1), row.max(axis=1)] for row in rows])  # rounding keeps order: the particle at the end comes last
-        # The kernels' own arithmetic, operation by operation: a particle on a cell's border must fall on the same side.
+        reach = np.array([[row.min(axis=1), row.max(axis=1)] for row in rows])  # rounding preserves order: the outermost stay outermost
+        # The same arithmetic as in the kernels, operation by operation: a particle on a cell's border must fall on the same side.
         inv_dx = np.ones(1, self.real) / np.full(1, self.model.dx, self.real)
         base = np.floor((reach - offset.astype(self.real)) * inv_dx - np.full(1, 0.5, self.real)).astype(np.int32)
         return np.concatenate([base[:, 0], base[:, 1], np.zeros_like(base[:, 0, :1])], axis=1)
 
     def unpack(self, run: FrameRun, packed: np.ndarray, offset: np.ndarray, before: State, into: State | None = None) -> State:
-        """`packed` backwards: particles of the model, in its order and in float64; held ones as they were."""
+        """The inverse of `packed`: the state of all particles, in the model's order and in float64; HELD ones as in `before`."""
         into = into or State(*(np.empty_like(array) for array in (before.x, before.v, before.C, before.F)))
         if len(run.order) < self.model.particles:
             for array, start in ((into.x, before.x), (into.v, before.v), (into.C, before.C), (into.F, before.F)):
@@ -134,12 +134,12 @@ class Packing:
         return into
 
     def write(self, order: np.ndarray, packed: np.ndarray, offset: np.ndarray, into: State) -> None:
-        """Rows (6 M, 4) of `packed.states` into the particles `order` (M,) of `into`; the others are left alone."""
+        """Write rows (6 M, 4) of `packed.states` into the particles `order` (M,) of `into`; the others are left alone."""
         launched_in(self.real, unpack)(order, packed, offset, into.x, into.v, into.C, into.F)
 
 
 def tasks_for(count: int) -> int:
-    """Tasks for a body of `count` particles."""
+    """Number of tasks for a body of `count` particles."""
     cores = device.cores()
     spare = min(_TASKS_PER_CORE * cores, count // _LEAST_PER_SPARE_TASK, _MOST_SPARE_TASKS) if cores > 1 else 1
     return max(1, min(cores, count // _LEAST_PER_TASK), spare)
@@ -147,10 +147,10 @@ def tasks_for(count: int) -> int:
 
 @functools.cache
 def launched_in(real: np.dtype, kernel: Callable[..., None]) -> Launcher:
-    """The kernel, traced in the precision `real`; one for all bodies."""
+    """The launcher of a kernel in the precision `real`; all bodies share it."""
     return Launcher(kernel, real, native=False, keeps=False)
 
 
 def float64(array: np.ndarray) -> np.ndarray:
-    """The array in rows and double precision."""
+    """The array in double precision, contiguous in C order."""
     return np.ascontiguousarray(array, dtype=np.float64)

@@ -1,4 +1,4 @@
-"""One body on all cores: runs its substeps forwards and backwards, keeps the states the way back needs."""
+"""One body on all cores: runs its substeps forwards and backwards, and keeps the states that the backward pass needs."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ from .frame_run import FrameRun, Piece
 from .packing import Packing, float64
 
 _WORK_PER_LAUNCH, _MOST_PER_LAUNCH = 2_000_000, 64
-"""Particle-substeps and substeps between two looks at whether the user wants to stop."""
+"""Particle-substeps, and substeps, at most, between two checks of whether the user has cancelled."""
 
 
 class Body:
     """Runs frames of one model in one precision."""
 
     def __init__(self, model: Model, precision: str = "double", tasks: int | None = None, workers: int | None = None) -> None:
-        """precision: double or single; tasks: parts that may run side by side, None for as many as there are cores and work; workers:
-        threads that do them, None for as many as there are cores."""
+        """precision: double or single; tasks: parts that may run in parallel, None to choose by the cores and the particles; workers:
+        threads that run them, None for one per core."""
         assert model.axes is None, "give Model.upright"
         device.start()
         self.packing = Packing(model, precision, tasks)
@@ -40,9 +40,9 @@ class Body:
         self.workers = min(self.packing.tasks, workers or device.cores())
         self.roster = roster(parallel_forward.PHASES * _MOST_PER_LAUNCH, self.workers)
         self.bounds = np.zeros(parallel.BOUNDS, np.int32)
-        """lo, dims of the box of nodes in use, `Piece.lo`, then a number each, see `parallel`: what kernels look up, changed in place."""
+        """What kernels look up, changed in place: lo and dims of the box of nodes in use, `Piece.lo`, then single numbers, see `parallel`."""
         self.forward_kernel = Launcher(parallel_forward.substeps, self.real)
-        # That of an elastic body is compiled in a third of the time of a plastic one's, and would take a tenth longer to run.
+        # Without a plastic law the adjoint compiles in a third of the time, and compiling it `sooner` would make it a tenth slower.
         self.adjoint_kernel = Launcher(parallel_adjoint.substep_adjoint, self.real, sooner=self.plastic)
 
     # -- frames ------------------------------------------------------------------------------------------------------------------
@@ -57,14 +57,15 @@ class Body:
         stride: Callable[[int], int] = lambda substeps: substeps,
         into: State | None = None,
     ) -> tuple[State, FrameRun]:
-        """One frame under acceleration (N, 3), gravity included, and gradient (N, 3, 3); tried once more with half the dt.
+        """One frame under acceleration (N, 3) [m/s²], gravity included, and its gradient (N, 3, 3) [1/s²]; if it fails, once more with half
+        the dt.
 
         Args:
-            stride: from the frame's substeps to how many of them lie between two states that are kept.
+            stride: takes the frame's number of substeps to the number of substeps between two states that are kept.
             into: arrays for the state at the frame's end; None makes new ones.
 
         Raises:
-            SimulationError: when it breaks both times.
+            SimulationError: when the second attempt fails, too.
         """
         for substeps in (self.model.substeps, 2 * self.model.substeps):
             run = self.packing.start(state, acceleration, gradient, frame, substeps)
@@ -82,7 +83,7 @@ class Body:
             code of `substep` (RUNNING is success), particle of the model, substeps done.
         """
         state, boxes = run.kept[begin]
-        if not len(state):  # everything is held
+        if not len(state):  # every particle is HELD
             run.kept[end] = state, boxes
             return substep.RUNNING, -1, end
         s = begin
@@ -101,20 +102,20 @@ class Body:
         return substep.RUNNING, -1, end
 
     def _stretch(self, run: FrameRun, s: int, end: int, stride: int) -> int:
-        """Substeps from s on that can go in one launch: up to the next state to be kept, under the same conditions."""
+        """Number of substeps from s on that one launch can do: up to the next state to be kept, all in the same piece of the frame."""
         most = min(end - s, stride - s % stride, _MOST_PER_LAUNCH, max(1, _WORK_PER_LAUNCH // len(run.order)))
         return next((k for k in range(1, most) if run.piece(s + k) is not run.piece(s)), most)
 
     def _substeps(
         self, run: FrameRun, s: int, count: int, state: np.ndarray, after: np.ndarray, boxes: np.ndarray
     ) -> tuple[int, int, np.ndarray, int]:
-        """Up to `count` substeps from `state` into `after`, which is the same array where they are several.
+        """Up to `count` substeps from `state` into `after`, which must be the same array if `count` is more than one.
 
         Returns:
-            code, particle, boxes of `after`, substeps done. `boxes` becomes those of `after` unless they are kept.
+            code, particle, boxes of `after`, substeps done. `boxes` is overwritten with the boxes of `after` unless state `s` is kept.
         """
         piece = run.piece(s)
-        if not self._look(piece, boxes):
+        if not self._fit_grids(piece, boxes):
             return *self._diagnosis(substep.BURST, run, piece, state), boxes, 0
         if s in run.kept:
             boxes = boxes.copy()
@@ -130,22 +131,22 @@ class Body:
         return substep.RUNNING, -1, boxes, done
 
     def _diagnosis(self, code: int, run: FrameRun, piece: Piece, packed: np.ndarray) -> tuple[int, int]:
-        """`failure.diagnosis` of a packed state: code and particle of the model."""
+        """`failure.diagnosis` of a packed state (6 M, 4): the code, and the number of the particle in the model."""
         columns = float64(packed).reshape(-1, 2, 3, 4)  # of F with x, of C with v
         F, (x, v) = columns[:, 0, :, :3].swapaxes(1, 2), (columns[:, k, :, 3] for k in (0, 1))
         code, worst = diagnosis(code, float(piece.lattice[4] / piece.lattice[3]), x, v, F)
         return code, int(run.order[worst])
 
     def _launch(self, run: FrameRun, piece: Piece, state: np.ndarray, after: np.ndarray, boxes: np.ndarray, count: int) -> None:
-        """So many substeps from the bounds of `boxes` on, which `_look` has set; with 0 one as far as the nodes."""
+        """Launch `count` substeps, after `_fit_grids` of `boxes`; 0 runs one substep as far as the nodes' velocities."""
         self.roster[: parallel_forward.PHASES * max(count, 1)] = 0
         self.forward_kernel(
             self.plastic, count, self.workers, self.roster, run.first, run.particle, state, after, run.force,
             piece.pin_velocity, *piece.boundary, piece.lattice, self.bounds, boxes, self.status, self.grid, self.momentum, self.velocity,
         )  # fmt: skip
 
-    def _look(self, piece: Piece, boxes: np.ndarray) -> bool:
-        """Sets the bounds to those of `boxes`, and makes the grids large enough, with room to grow; False where it has burst."""
+    def _fit_grids(self, piece: Piece, boxes: np.ndarray) -> bool:
+        """Set the bounds to those of `boxes` and make the grids large enough, with room to grow; False if no grid may be so large."""
         lo, dims = bounds(boxes)
         wanted, plane = math.prod(dims), dims[1] * dims[2]
         if wanted > MOST_NODES or max(dims[1:]) > MOST_NODES_ACROSS:
@@ -166,13 +167,16 @@ class Body:
     # -- backwards ----------------------------------------------------------------------------------------------------------------
 
     def pull_back(self, run: FrameRun, bar: np.ndarray, material: bool, progress: Progress) -> tuple[np.ndarray, np.ndarray]:
-        """Turns bar (6 M, 4) by the frame's end into that by its start, in place; returns those by `force` and by `particle`.
-
-        bar is laid out as `packed.states`, and `aligned`.
-
-        `material`: whether the last are wanted; they are zero otherwise.
+        """Turn the derivative `bar` (6 M, 4) by the state at the frame's end into that by its start, in place.
 
         States that were not kept are simulated again, a stretch at a time.
+
+        Args:
+            bar: laid out as `packed.states`, and `aligned`.
+            material: whether the derivative by `particle` is wanted.
+
+        Returns:
+            The derivatives by `run.force` and by `run.particle`; the latter is zero unless `material`.
         """
         force_bar, particle_bar = aligned_zeros(run.force.shape, self.real), np.zeros_like(run.particle)
         end = run.substeps if len(bar) else 0
@@ -194,7 +198,7 @@ class Body:
     ) -> None:
         state, boxes = run.kept[s]
         piece = run.piece(s)
-        self._look(piece, boxes)
+        self._fit_grids(piece, boxes)
         if len(self.grid_bar) < len(self.grid):
             self.grid_bar = aligned(self.grid.shape, self.real)
         if len(self.momentum_bar) < len(self.velocity):
@@ -212,13 +216,13 @@ class Body:
 
 
 def bounds(boxes: np.ndarray) -> tuple[list[int], list[int]]:
-    """First node and node counts, three each, of the box that all tasks' particles touch."""
-    # In Python's integers: the box of an exploding body overflows 32 bits.
+    """First node and node counts, three each, of the box of nodes that the particles of all tasks touch; boxes (tasks, BOX)."""
+    # In Python's integers, because the box of an exploding body overflows 32 bits.
     first_and_last = list(zip(*boxes.tolist()))
     lo = [min(nodes) for nodes in first_and_last[:3]]
     return lo, [max(nodes) - low + 3 for nodes, low in zip(first_and_last[3:6], lo)]
 
 
 def sparse_stride(substeps: int) -> int:
-    """Substeps between states kept so that they, and those of one stretch between two of them, are fewest: the root."""
+    """Substeps between two kept states, so that these and the states of one stretch between them are fewest in total: the square root."""
     return math.isqrt(substeps - 1) + 1

@@ -1,6 +1,6 @@
-"""How small changes of the force move one body: many changes carried through a frame's linearised substeps at once.
+"""How small changes of the force move one body: many changes, carried through a frame's linearised substeps at once.
 
-The exact derivative of the substep, which a body with a plastic law gets (what the names mean is in `linearise`):
+This is the exact derivative of the substep, used for a body with a plastic law (`linearise` explains the names):
 
     p2g    d(m_i v_i) = sum w (dq + dB (x_i - x_p) - B dx) + (dx . grad w) (q + B (x_i - x_p)),  dm_i = sum (dx . grad w) m
            dq = m (dv + dt da),  dB = m (dC + dt dG) - (4 dt V / dx²) dtau
@@ -8,16 +8,16 @@ The exact derivative of the substep, which a body with a plastic law gets (what 
     g2p    dv = sum w dv_i + turn dx,  dC = 4/dx² sum w dv_i (x_i - x_p)^T + swirl dx
            dF <- (1 + dt C) dF + dt dC F, then, where it flows, (d flow / d F) dF;  dx += dt dv
 
-An elastic body's changes are carried in half the time, in coordinates that move with them: the nodes go along with the changed particles,
-so that weights stay, and with L = dF F^-1 and D = dC + C L, the change's velocity gradient in the unchanged body,
+The changes of an elastic body take half the time, in coordinates that move with them: the nodes move with the changed particles, so that
+the weights stay the same, and with L = dF F^-1 and D = dC + C L, the velocity gradient of the change in the unchanged body,
 
     p2g    dq as above,  dB = m (D + dt dG) - (4 dt V / dx²) (dtau - tau L^T)
     g2p    dv = sum w dv_i,  D = 4/dx² sum w dv_i (x_i - x_p)^T,  dF += dt D F,  dx += dt dv
 
-What the moving nodes neglect is of the order of the discretisation's own error: for a plate of 14 cells 0.2 %, for a block of 2 by 2 by 3
-cells 10 %. In a body that flows it would be half of the change, as the strain of its nodes is never undone.
+The error of moving the nodes is of the order of the discretisation's own: 0.2 % for a plate of 14 cells, 10 % for a block of 2 by 2 by 3
+cells. In a body that flows it would be half of the change, because the strain of its nodes is never undone.
 
-Changes that are carried together share all that they are multiplied with; they are the lanes of a vector.
+Changes that are carried together share all their coefficients; each is one lane of a vector.
 """
 # The compiler reads the annotations of kernels at run time: they are values, which mypy cannot check and `annotations` may not postpone.
 # mypy: ignore-errors
@@ -29,11 +29,11 @@ from .packed import integers, table
 from .substep import STRIDE
 
 WIDTHS = (8, 16)
-"""Changes that may be carried together: one or two vector registers of single precision, or one of the wide ones."""
+"""Numbers of changes that may be carried together: one or two vector registers in single precision, or one of the wide registers."""
 STATE = 24
-"""Numbers of a change per particle: dv 0..2, dC or D 3..11, dF 12..20, dx 21..23, matrices row by row."""
+"""Numbers per particle of a change's state: dv 0..2, dC or D 3..11, dF 12..20, dx 21..23, matrices row by row."""
 SOURCE = 12
-"""dt m da 0..2, dt m dx dG 3..11, dG column by column."""
+"""Numbers per particle of a change's source: dt m da 0..2, dt m dx dG 3..11 (here dx is the cell size), dG column by column."""
 
 
 def _carry(width: int):
@@ -45,9 +45,9 @@ def _carry(width: int):
         boxes: table, corner: table, record: singles, flows: table, flow: singles, inverse_mass: masses, velocity: singles,
         source: lanes, state: lanes, grid: lanes,
     ):  # fmt: skip
-        """Brings state (groups M STATE,) of the groups from `first` on through a frame under source (groups M SOURCE,).
+        """Carry state (groups M STATE,) through a frame under source (groups M SOURCE,), for the groups from `first` on.
 
-        damping (2 M,): for each particle -(4 dt V / dx) eta, and that times lam / mu; see `viscous`. grid (groups 4 nodes,).
+        damping (2 M,): for each particle -(4 dt V / dx) eta, and the same times lam / mu; see `viscous`. grid (groups 4 nodes,): scratch.
         """
         ti.loop_config(block_dim=STRIDE)
         for turn in range(grid.shape[0] // (4 * inverse_mass.shape[1]) * STRIDE):
@@ -72,7 +72,7 @@ def to_nodes(
     plastic: ti.template(), s, group, count, own, mass: ti.template(), damping: ti.template(), dx, boxes: ti.template(),
     corner: ti.template(), record: ti.template(), source: ti.template(), state: ti.template(), grid: ti.template(),
 ):  # fmt: skip
-    """p2g of all particles' changes: a node's momentum, then its mass."""
+    """p2g of the changes of all particles; a node has the change of its momentum, then that of its mass."""
     nil = 0.0 * state[0]
     stride_y = boxes[s, 5]
     stride_x = boxes[s, 4] * stride_y
@@ -83,7 +83,7 @@ def to_nodes(
         node = own + 4 * corner[s, p]
         for c in range(3):
             B = [source[given + 3 + 3 * k + c] + (mass[p] * dx) * state[row + 3 + 3 * c + k] for k in ti.static(range(3))]
-            # Loops of the machine, here and below: unrolled they are no faster, and take four times as long to compile.
+            # Not unrolled, here and below: it would be no faster, and take four times as long to compile.
             for k in range(9):
                 F = state[row + 12 + k]
                 for d in ti.static(range(3)):
@@ -112,7 +112,7 @@ def to_nodes(
 
 @ti.func
 def shifted_to_nodes(at, row, node, mass, dx, stride_x, stride_y, record: ti.template(), state: ti.template(), grid: ti.template()):
-    """What a particle's change of place alone brings to nodes that stay: by other weights, and by other distances."""
+    """The contribution of a particle's displacement alone to fixed nodes, through its changed weights and distances."""
     dx_0, dx_1, dx_2 = state[row + 21], state[row + 22], state[row + 23]
     away = [
         (1.0 / dx) * (record[at + FLOAT + 3 + c] * dx_0 + record[at + FLOAT + 6 + c] * dx_1 + record[at + FLOAT + 9 + c] * dx_2)
@@ -137,7 +137,7 @@ def from_nodes(
     plastic: ti.template(), s, group, count, own, role: ti.template(), dx, dt, boxes: ti.template(), corner: ti.template(),
     record: ti.template(), flows: ti.template(), flow: ti.template(), state: ti.template(), grid: ti.template(),
 ):  # fmt: skip
-    """g2p of all particles' changes."""
+    """g2p of the changes of all particles."""
     stride_y = boxes[s, 5]
     stride_x = boxes[s, 4] * stride_y
     for p in range(count):
@@ -187,7 +187,7 @@ def from_nodes(
 
 @ti.func
 def flow_on(row, at, flow: ti.template(), state: ti.template()):
-    """The changes' dF in nine rows of `state` from `row` on, through plastic flow of the derivative in `flow` from `at` on."""
+    """Carry the changes' dF, in nine rows of `state` from `row` on, through plastic flow, whose derivative is in `flow` from `at` on."""
     before = [state[row + k] for k in ti.static(range(9))]
     for i in range(9):
         total = flow[at + 9 * i] * before[0]
@@ -197,4 +197,4 @@ def flow_on(row, at, flow: ti.template(), state: ti.template()):
 
 
 carry = {width: _carry(width) for width in WIDTHS}
-"""By the number of lanes."""
+"""The kernel for each number of lanes."""

@@ -1,7 +1,7 @@
-"""Substeps of many copies of one body, each copy on one core; or of one body, every substep of it kept.
+"""Substeps of many copies of one body, each copy on one core; or of one body with every substep kept.
 
-Copies are independent: the outer loop over them is the compiler's parallel loop, and all of a copy's work stays on one thread with one
-private grid. That needs no atomics and no barrier, and a grid of a few thousand nodes stays in the core's cache.
+Copies are independent: the outer loop over them is the compiler's parallel loop, and all of a copy's work stays on one thread with a
+private grid. That needs no atomics and no barriers, and a grid of a few thousand nodes stays in the core's cache.
 """
 # The compiler reads the annotations of kernels at run time: they are values, which mypy cannot check and `annotations` may not postpone.
 # mypy: ignore-errors
@@ -30,7 +30,8 @@ from .packed import (
 from .substep import GRID_FULL, RUNNING, STRIDE, grid_to_particle, node_velocity, particle_to_grid
 
 CODE, CULPRIT, DONE, WANTED, STATUS = 0, 1, 2, 3, 4
-"""In a copy's row of `status`: its code, the particle that broke, the substeps done, the nodes it wants; length."""
+"""Columns of `status`, which has a row for each copy: its code, the particle that failed, the substeps done, the nodes its grid needs; the
+number of columns."""
 _FAR = 2**31 - 1
 
 
@@ -43,7 +44,7 @@ def box_of(low, high, offset, dx):
 
 @ti.func
 def box_at(first, count, state: ti.template(), offset, dx):
-    """`box_of` the particles whose states are number `first` and the next ones."""
+    """`box_of` the `count` particles whose states begin with number `first`."""
     low, high = ti.Vector([1e30, 1e30, 1e30]), ti.Vector([-1e30, -1e30, -1e30])
     for p in range(count):
         row = rows_of(first + p)[0]
@@ -53,7 +54,7 @@ def box_at(first, count, state: ti.template(), offset, dx):
 
 @ti.func
 def wanted_nodes(dims):
-    """Nodes of the box, at most `_FAR`, also where no grid may be that wide: the box of an exploding body overflows 32 bits."""
+    """Nodes of the box; `_FAR` where no grid may be that wide, because the box of an exploding body overflows 32 bits."""
     found = ti.cast(dims[0], ti.i64) * dims[1] * dims[2]
     if dims[1] > MOST_NODES_ACROSS or dims[2] > MOST_NODES_ACROSS or dims.min() < 3:
         found = _FAR
@@ -65,7 +66,8 @@ def copy_to_grid(
     plastic: ti.template(), now, force_of, count, nodes_in_use, at, particle: ti.template(), state: ti.template(), force: ti.template(),
     offset, dx, dt, lo, dims, grid: ti.template(),
 ):  # fmt: skip
-    """p2g of a copy whose states are number `now` and the next, its forces number `force_of` and the next, into the grid from `at` on."""
+    """p2g of a copy of `count` particles, whose states begin with number `now` and its forces with number `force_of`, into the grid from
+    node `at` on."""
     for node in range(nodes_in_use):
         grid[bounded(at + node, MOST_NODES)] = ti.Vector.zero(float, 4)
     for index in range(count):
@@ -79,7 +81,10 @@ def grid_to_copy(
     plastic: ti.template(), now, after, count, at, particle: ti.template(), state: ti.template(), pin_velocity: ti.template(),
     offset, dx, dt, lo, dims, velocity: ti.template(),
 ):  # fmt: skip
-    """g2p from states `now` on to states `after` on. Returns status, particle and the next box: first node and node counts."""
+    """g2p of a copy, from the states that begin with number `now` to those that begin with number `after`.
+
+    Returns status, the particle that failed or -1, and the next box: first node and node counts.
+    """
     code, culprit = RUNNING, -1
     low, high = ti.Vector([1e30, 1e30, 1e30]), ti.Vector([-1e30, -1e30, -1e30])
     for index in range(count):
@@ -108,7 +113,7 @@ def substeps_of_copies(
     boxes: table, grid: nodes, velocity: nodes,
     status: table,  # (copies, STATUS) in and out
 ):  # fmt: skip
-    """Brings all copies that run from substep status[r, DONE] to `until`, or to the substep at which one fails."""
+    """Advance every running copy r from substep status[r, DONE] to `until`, or to the substep at which it fails."""
     ti.loop_config(block_dim=STRIDE)
     for turn in range(status.shape[0] * STRIDE):
         if turn % STRIDE == 0:

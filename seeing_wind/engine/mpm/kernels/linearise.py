@@ -1,6 +1,6 @@
-"""A frame's substeps linearised: what small changes of one body's motion are multiplied with, see `carry`.
+"""A frame's substeps linearised: the coefficients with which `carry` multiplies small changes of one body's motion.
 
-All comes from the states, the boxes and the grids of every substep, as `copies_forward` keeps them.
+They are computed from the states, the boxes and the grids of every substep, as `copies_forward` keeps them.
 """
 # The compiler reads the annotations of kernels at run time: they are values, which mypy cannot check and `annotations` may not postpone.
 # mypy: ignore-errors
@@ -41,26 +41,27 @@ from .packed import MOST_NODES as MOST_INDEXED
 from .substep import CLAMP_LO, node_terms, node_velocity, place
 
 WEIGHTS, PLACE, STRESS, PULL, SLOPES, FLOAT, TURN, SWIRL, GROWTH = 0, 9, 12, 93, 102, 111, 123, 132, 159
-"""Where in a linearised particle's numbers they are:
+"""Where the coefficients of a particle begin in its record:
 
-    WEIGHTS  3 i + a  of the i-th node along axis a                              PLACE   f in its cell
-    STRESS   -(4 dt V / dx) (dtau - tau L^T) by dF, row 3 a + b that of tau_ab   PULL    dt F
+    WEIGHTS  3 i + a: weight of the i-th node along axis a           PLACE   f, the distance to its first node [cells]
+    STRESS   derivative by dF of -(4 dt V / dx) (dtau - tau L^T),    PULL    dt F
+             row 3 a + b for entry ab
 
 and in a body with a plastic law, where STRESS is without tau L^T,
 
-    SLOPES   3 i + a  derivatives of the weights [1/m]     TURN    dv by dx, 3 c + e
-    GROWTH   I + dt C                                      SWIRL   dC by dx, 9 c + 3 d + e
-    FLOAT    S X Y Z of `substep.node_terms`, three each: what the particle brings to node (i, j, k) is S + i X + j Y + k Z
+    SLOPES   3 i + a: derivative of the weight [1/m]       TURN    derivative of v by x, 3 c + e
+    GROWTH   I + dt C                                      SWIRL   derivative of C by x, 9 c + 3 d + e
+    FLOAT    S X Y Z of `substep.node_terms`, three numbers each: the particle adds S + i X + j Y + k Z to node (i, j, k)
 """
 RECORD, PLASTIC_RECORD = 102, 168
-"""How many there are."""
+"""Numbers in the record of a particle in an elastic body, and in one with a plastic law."""
 FLOW = 81
-"""Numbers of the derivative of plastic flow: row 3 i + j is that of F_ij after it, by the nine of F before it."""
+"""Numbers of the derivative of plastic flow: row 3 i + j has the derivative of F_ij after the flow by the nine entries of F before it."""
 
 
 
 def width_of(plastic: bool) -> int:
-    """`RECORD` or `PLASTIC_RECORD`; a constant of the kernel."""
+    """`RECORD` or `PLASTIC_RECORD`; a compile-time constant of the kernel."""
     return PLASTIC_RECORD if plastic else RECORD
 
 
@@ -74,8 +75,8 @@ def node_motion(
     clamp: flags, clamp_velocity: lattice_rows, planes: rows, solid: lattice_rows, lattice: numbers, bounds: integers,
     inverse_mass: masses, velocity: singles,
 ):  # fmt: skip
-    """Out, for substeps `begin` to `end`: inverse_mass (S, nodes), zero for nodes that are clamped or have less than least_mass [kg], and
-    their velocities (S nodes 3,). `momentum` has `capacity` nodes for each substep."""
+    """Out, for substeps `begin` to `end`: inverse_mass (S, nodes), zero for nodes that are clamped or have at most least_mass [kg], and the
+    nodes' velocity (S nodes 3,). `momentum` has `capacity` nodes for each substep."""
     for s, node in ti.ndrange((begin, end), inverse_mass.shape[1]):
         offset, dx, dt = lattice_of(lattice)
         lo, dims = ti.Vector([boxes[s, a] for a in range(3)]), ti.Vector([boxes[s, 3 + a] for a in range(3)])
@@ -95,7 +96,7 @@ def node_motion(
 
 @ti.func
 def stress_derivative(plastic: ti.template(), at, own, dx, dt, particle: ti.template(), F, C, record: ti.template()):
-    """Writes what STRESS names into `record` from `at` on; returns tau, viscous part included."""
+    """Write the STRESS coefficients into `record` from `at` on; returns tau, viscous part included."""
     law, mu, lam = ti.cast(particle[own + LAW], ti.i32), particle[own + MU], particle[own + LAM]
     viscosity, scale = particle[own + VISCOSITY], -4.0 * dt / dx * particle[own + VOLUME]
     tau, known = kirchhoff(plastic, law, F, mu, lam)
@@ -130,16 +131,16 @@ def stress_derivative(plastic: ti.template(), at, own, dx, dt, particle: ti.temp
 
 @ti.func
 def advection(at, corner, f, dx, v_p, velocity: ti.template(), stride_x, stride_y, record: ti.template()):
-    """Writes how v and C of g2p change as the particle moves among nodes that stay as they are, `velocity` from node `corner` on.
+    """Write TURN and SWIRL: the derivatives of g2p's v and C by the particle's place among fixed nodes, `velocity` from node `corner` on.
 
-    TURN is the sum over nodes of v grad w, SWIRL that of v (i, j, k) grad w less the place f times TURN. Both are summed along z, then y,
-    then x, which takes a fifth of what it takes node by node. Weights and slopes are those in `record`. Its loops are loops of the
-    machine, too: unrolled they would take minutes to compile.
+    TURN is the sum over nodes of v grad w; SWIRL is the sum of v (i, j, k) grad w less the place f times TURN. Both are summed along z,
+    then y, then x, which takes a fifth of the time of summing node by node. Weights and slopes are taken from `record`. The loops are not
+    unrolled, because they would take minutes to compile.
     """
     for c in range(3):
         turn, swirl = ti.Vector.zero(float, 3), ti.Matrix.zero(float, 3, 3)
         for i in range(3):
-            level, sloped = ti.Vector.zero(float, 6), ti.Vector.zero(float, 3)  # a plane's sums, of slopes along y the latter
+            level, sloped = ti.Vector.zero(float, 6), ti.Vector.zero(float, 3)  # a plane's sums, with weights and with slopes along y
             for j in range(3):
                 z, first = at + 2, 3 * (corner + i * stride_x + j * stride_y) + c
                 near, middle, far = velocity[first], velocity[first + 3], velocity[first + 6]
@@ -169,7 +170,7 @@ def advection(at, corner, f, dx, v_p, velocity: ti.template(), stride_x, stride_
 
 @ti.func
 def flow_derivative(at, own, dt, particle: ti.template(), trial, flow: ti.template()):
-    """Writes the derivative of the plastic flow that follows the trial deformation; returns whether anything may flow."""
+    """Write the derivative of the plastic flow that follows the trial deformation; returns whether the particle may flow."""
     law, mu, yield_stress = ti.cast(particle[own + LAW], ti.i32), particle[own + MU], particle[own + YIELD_STRESS]
     m, X, size = relative_deviator(left_cauchy_green(trial))
     flows = 0
@@ -190,9 +191,9 @@ def linearise(
     plastic: ti.template(), begin: ti.i32, end: ti.i32, most: ti.i32, particle: constants, state: states, force: forces,
     lattice: numbers, boxes: table, velocity: singles, corner: table, record: singles, flows: table, flow: singles,
 ):  # fmt: skip
-    """All that changes of the particles are multiplied with in substeps `begin` to `end`; `velocity` has `most` nodes for each.
+    """The coefficients of all particles in substeps `begin` to `end`; `velocity` has `most` nodes for each substep.
 
-    Out: corner (S, M), record (S M `width_of`,); with plastic laws flows (S, M), flow (S M FLOW,).
+    Out: corner (S, M), record (S M `width_of`,); with plastic laws also flows (S, M) and flow (S M FLOW,).
     """
     for s, p in ti.ndrange((begin, end), particle.shape[0] // 8):
         offset, dx, dt = lattice_of(lattice)

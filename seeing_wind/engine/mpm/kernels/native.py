@@ -1,5 +1,4 @@
-"""Arrays for kernels whose vectors stay vectors of the processor (`compiler.settings.native_vectors`): at addresses that these can be
-loaded from."""
+"""Arrays for kernels that use the processor's SIMD vectors (`compiler.settings.native_vectors`), at addresses aligned for these."""
 
 from __future__ import annotations
 
@@ -7,11 +6,11 @@ import numpy as np
 import numpy.typing
 
 _LARGEST = 64
-"""Bytes of the largest vectors used: sixteen numbers in single precision, eight in double."""
+"""Bytes of the largest vectors used: sixteen numbers in single precision, or eight in double."""
 
 
 def aligned(shape: tuple[int, ...], real: np.typing.DTypeLike) -> np.ndarray:
-    """An array of dtype `real`, not filled, at an address that vectors can be loaded from; NumPy's own may lie between."""
+    """An uninitialised array of dtype `real` at an aligned address, which NumPy's own arrays need not have."""
     kind = np.dtype(real)
     size = int(np.prod(shape))
     raw = np.empty(size + _LARGEST // kind.itemsize, kind)
@@ -20,14 +19,14 @@ def aligned(shape: tuple[int, ...], real: np.typing.DTypeLike) -> np.ndarray:
 
 
 def aligned_zeros(shape: tuple[int, ...], real: np.typing.DTypeLike) -> np.ndarray:
-    """`aligned`, filled with zeros."""
+    """An `aligned` array of zeros."""
     array = aligned(shape, real)
     array[...] = 0.0
     return array
 
 
 def aligned_copy(array: np.ndarray) -> np.ndarray:
-    """A copy of the array that is `aligned`."""
+    """An `aligned` copy of the array."""
     copy = aligned(array.shape, array.dtype)
     copy[...] = array
     return copy

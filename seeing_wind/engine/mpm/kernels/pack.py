@@ -1,4 +1,4 @@
-"""Between the states that the rest of the engine sees, float64 and in the model's order, and the packed ones of the kernels."""
+"""Conversion between the states of the rest of the engine, float64 in the model's order, and the packed states of the kernels."""
 # The compiler reads the annotations of kernels at run time: they are values, which mypy cannot check and `annotations` may not postpone.
 # mypy: ignore-errors
 
@@ -24,10 +24,10 @@ def real_matrix(array: ti.template(), p):
 
 @ti.kernel
 def pack(order: order_of, x: vectors, v: vectors, C: matrices, F: matrices, offset: numbers, state: states):
-    """Rows 6 p on of `state` are particle order[p], its position relative to offset (3,)."""
+    """Rows 6 q to 6 q + 5 of `state` become those of particle order[q], with its position relative to offset (3,)."""
     for q in range(order.shape[0]):
         p = bounded(order[q], MOST_PARTICLES)
-        # The difference in double precision, which is what single precision needs its digits for.
+        # Subtracted in double precision, so that single precision keeps its digits for the small difference.
         place = ti.Vector([ti.cast(x[p, i] - offset[i], float) for i in ti.static(range(3))])
         row = rows_of(q)[0]
         speed, affine, deformation = real_vector(v, p), real_matrix(C, p), real_matrix(F, p)
@@ -38,7 +38,7 @@ def pack(order: order_of, x: vectors, v: vectors, C: matrices, F: matrices, offs
 
 @ti.kernel
 def pack_forces(order: order_of, acceleration: vectors, gradient: matrices, force: forces):
-    """Rows 3 p on of `force` are particle order[p]; a gradient of no particles is zero."""
+    """Rows 3 q to 3 q + 2 of `force` become those of particle order[q]; an empty `gradient` stands for zero."""
     for q in range(order.shape[0]):
         p = bounded(order[q], MOST_PARTICLES)
         G = ti.Matrix.zero(float, 3, 3)
@@ -51,7 +51,7 @@ def pack_forces(order: order_of, acceleration: vectors, gradient: matrices, forc
 
 @ti.kernel
 def unpack(order: order_of, state: states, offset: numbers, x: vectors, v: vectors, C: matrices, F: matrices):
-    """`pack` backwards; particles that `order` does not name are left alone."""
+    """The inverse of `pack`; particles that are not in `order` are left alone."""
     for q in range(order.shape[0]):
         p = bounded(order[q], MOST_PARTICLES)
         row = rows_of(q)[0]
@@ -66,7 +66,7 @@ def unpack(order: order_of, state: states, offset: numbers, x: vectors, v: vecto
 
 @ti.kernel
 def unpack_forces(order: order_of, force: forces, acceleration: vectors, gradient: matrices):
-    """`pack_forces` backwards; particles that `order` does not name are left alone."""
+    """The inverse of `pack_forces`; particles that are not in `order` are left alone."""
     for q in range(order.shape[0]):
         p = bounded(order[q], MOST_PARTICLES)
         row = rows_of(q)[1]
@@ -79,7 +79,7 @@ def unpack_forces(order: order_of, force: forces, acceleration: vectors, gradien
 
 @ti.kernel
 def combine_forces(phi: vectors, dphi: matrices, gravity: vectors, coefficients: matrices, state: states, force: forces):
-    """Rows of `force` of all copies: a_p = g_p + sum_j phi_pj c_j and grad a_p = (sum_j c_j dphi_pj/dX) F^-1, with F of `state`.
+    """Rows of `force` for all copies: a_p = g_p + sum_j phi_pj c_j and grad a_p = (sum_j c_j dphi_pj/dX) F^-1, with F from `state`.
 
     phi (M, P), dphi (M, P, 3), gravity (M, 3), coefficients (copies, P, 3).
     """

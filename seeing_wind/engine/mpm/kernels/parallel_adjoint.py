@@ -1,4 +1,4 @@
-"""One substep of one large body backwards, on all cores: derivatives by its start, force and material from those by its end.
+"""The adjoint of one substep of one large body, on all cores: derivatives by its start, force and material from those by its end.
 
 Each function is the adjoint of its namesake in `substep` or `parallel`, called in reverse order. A name with `_bar` is the
 derivative of the loss by the name.
@@ -52,14 +52,17 @@ from .parallel import clear, summed
 from .substep import CLAMP_LO, SOLID_LO, STRIDE, node_terms, node_velocity, place
 
 PHASES = 4
-"""Of a substep: the nodes' velocities, g2p backwards, the nodes backwards, p2g backwards."""
+"""Phases of a substep: the nodes' velocities, adjoint of g2p, adjoint of the nodes' velocities, adjoint of p2g."""
 
 
 @ti.func
 def plastic_flow_back(
     material, own, particle: ti.template(), C0, C1, C2, F0, F1, F2, F0_bar, F1_bar, F2_bar, dt, particle_bar: ti.template()
 ):
-    """Columns of F_bar before the plastic flow from those after it; C, F: columns of the next affine velocity and of this F."""
+    """Columns of F_bar before the plastic flow, from those after it.
+
+    C0..C2: columns of C at the substep's end; F0..F2: columns of F at its start.
+    """
     columns = [F0_bar, F1_bar, F2_bar]
     law = ti.cast(particle[own + LAW], ti.i32)
     if law >= VON_MISES:
@@ -87,7 +90,8 @@ def grid_to_particle_adjoint(
     state_next: ti.template(), bar: ti.template(), particle_bar: ti.template(), offset, dx, dt, lo, dims,
     grid_bar: ti.template(),
 ):  # fmt: skip
-    """g2p backwards: adds to the nodes' v_bar; `bar` turns from the next state's into this one's, as far as it goes through g2p."""
+    """Adjoint of g2p: adds to the nodes' v_bar; `bar` goes in as that of the next state and comes out as that of this one, as far as g2p
+    alone contributes."""
     row, _push, own = rows_of(p)
     F0, F1, F2 = state[row], state[row + 1], state[row + 2]
     C0, C1, C2 = state_next[row + 3], state_next[row + 4], state_next[row + 5]
@@ -107,18 +111,18 @@ def grid_to_particle_adjoint(
     at, f = corner_of(fourths(F0, F1, F2, 0.0), offset, 1.0 / dx, lo, dims, 0)
     S = v_bar - times_columns(X, Y, Z, f)
     scatter(f, S, X, Y, Z, bounded(first_node + at, MOST_NODES), dims, grid_bar)
-    # Rows of C: C^T F_bar is the product with its transpose.
+    # The rows of C are the columns of C^T, for the product C^T F_bar.
     R0, R1, R2 = [ti.Vector([C0[i], C1[i], C2[i], 0.0]) for i in ti.static(range(3))]
     bar[row] = with_fourth(F0_bar + dt * times_columns(R0, R1, R2, F0_bar), x_bar[0])
     bar[row + 1] = with_fourth(F1_bar + dt * times_columns(R0, R1, R2, F1_bar), x_bar[1])
     bar[row + 2] = with_fourth(F2_bar + dt * times_columns(R0, R1, R2, F2_bar), x_bar[2])
-    # For the pull of the weights, which `particle_to_grid_adjoint` finds for both grids at once.
+    # For the derivative through the weights, which `particle_to_grid_adjoint` computes for both grids at once.
     bar[row + 3], bar[row + 4], bar[row + 5] = with_fourth(X, v_bar[0]), with_fourth(Y, v_bar[1]), with_fourth(Z, v_bar[2])
 
 
 @ti.func
 def sums(a, b, c):
-    """The sums of the numbers of a, b, c, each (4,), in a vector of four."""
+    """The sums of the numbers of a, b and c, each (4,), and 0, as a vector (4,)."""
     return ti.Vector([a[0] + a[1] + a[2] + a[3], b[0] + b[1] + b[2] + b[3], c[0] + c[1] + c[2] + c[3], 0.0])
 
 
@@ -127,7 +131,7 @@ def node_to_velocity_adjoint(
     node, tasks, bounds: ti.template(), boxes: ti.template(), grid_bar: ti.template(), momentum: ti.template(),
     momentum_bar: ti.template(), offset, dx, clamp: ti.template(), planes: ti.template(), solid: ti.template(),
 ):  # fmt: skip
-    """v = boundary(q / m): turns the nodes' v_bar into q_bar and m_bar."""
+    """Adjoint of v = boundary(q / m): q_bar and m_bar of a node from its v_bar."""
     lo, dims = bounds_of(bounds)
     s = summed(node, tasks, lo[0] + node // (dims[1] * dims[2]), boxes, grid_bar)
     g = momentum[node]
@@ -149,14 +153,14 @@ def particle_to_grid_adjoint(
     force: ti.template(), bar: ti.template(), force_bar: ti.template(), particle_bar: ti.template(), offset, dx, dt, lo, dims,
     velocity: ti.template(), momentum_bar: ti.template(),
 ):  # fmt: skip
-    """p2g backwards, and what g2p has through the particle's place: completes `bar`, adds to the derivatives by force and constants."""
+    """Adjoint of p2g, and of g2p through the particle's position: completes `bar`, and adds to the derivatives by force and constants."""
     row, push, own = rows_of(p)
     F0, F1, F2 = state[row], state[row + 1], state[row + 2]
     F = from_columns(F0, F1, F2)
     at, f = corner_of(fourths(F0, F1, F2, 0.0), offset, 1.0 / dx, lo, dims, 0)
     law = ti.cast(particle[own + LAW], ti.i32)
     q_bar, Mx, My, Mz = gather(f, at, dims, momentum_bar)
-    # Derivatives by m (C + dt G), beside each column that by m (v_j + dt a_j).
+    # Derivatives by the columns of m (C + dt G), each with the derivative by m (v_j + dt a_j) beside it.
     A0_bar = with_fourth(dx * (Mx - f[0] * q_bar), q_bar[0])
     A1_bar = with_fourth(dx * (My - f[1] * q_bar), q_bar[1])
     A2_bar = with_fourth(dx * (Mz - f[2] * q_bar), q_bar[2])
@@ -199,7 +203,7 @@ def grid_to_task_adjoint(
     state_next: ti.template(), bar: ti.template(), particle_bar: ti.template(), lattice: ti.template(), bounds: ti.template(),
     boxes: ti.template(), grid_bar: ti.template(),
 ):  # fmt: skip
-    """`grid_to_particle_adjoint` of a task's particles, into its own grid."""
+    """`grid_to_particle_adjoint` of a task's particles, into the task's own grid."""
     offset, dx, dt = lattice_of(lattice)
     lo, dims = bounds_of(bounds)
     first_node = clear(task, bounds, boxes, grid_bar)
@@ -231,15 +235,15 @@ def substep_adjoint(
     plastic: ti.template(),
     material: ti.i32,  # whether derivatives by the particles' constants are wanted
     workers: ti.i32, roster: counters,  # see `crew`
-    # body at the substep's start and end; momentum as `substep` leaves it
+    # body at the substep's start and end; `momentum` below as `parallel_forward.substeps` leaves it
     first: integers, particle: constants, state: states, state_next: states, force: forces,
-    # derivatives, in: by the next state, out: by this one; those by force and constants are added up
+    # derivatives: `bar` goes in by the next state and comes out by this one; those by force and constants are added to
     bar: states, force_bar: forces, particle_bar: constants,
     clamp: flags, clamp_velocity: lattice_rows, planes: rows, solid: lattice_rows,
     lattice: numbers, bounds: integers, boxes: table,
     grid_bar: nodes, momentum: nodes, velocity: nodes, momentum_bar: nodes,
 ):  # fmt: skip
-    """g2p and p2g backwards."""
+    """The adjoint of a substep."""
     ti.loop_config(block_dim=STRIDE)
     for turn in range(workers * STRIDE):
         if turn % STRIDE == 0:
@@ -256,7 +260,7 @@ def substep_adjoint(
                     )
                 finish(roster, 0)
                 task = take(roster, 0, worker, workers, tasks)
-            # Nobody reads these velocities before the last phase.
+            # No `await_all` here: these velocities are not read before the last phase.
             task = take(roster, 1, worker, workers, tasks)
             while task < tasks:
                 grid_to_task_adjoint(

@@ -1,4 +1,4 @@
-"""Substeps of one large body, one after the other in one launch; the cores go through them as a `crew`."""
+"""Substeps of one large body, one after another in one launch, shared by the cores as a `crew`."""
 # The compiler reads the annotations of kernels at run time: they are values, which mypy cannot check and `annotations` may not postpone.
 # mypy: ignore-errors
 
@@ -9,25 +9,25 @@ from .parallel import STOPPED, grid_to_task, move_bounds, nodes_of_task, task_to
 from .substep import STRIDE
 
 PHASES = 4
-"""Of a substep: p2g, the nodes' velocities, g2p, a look at where the particles are."""
+"""Phases of a substep: p2g, the nodes' velocities, g2p, new bounds of the nodes in use."""
 
 
 @ti.kernel
 def substeps(
     plastic: ti.template(),
-    count: ti.i32,  # substeps, in one array from the second on; 0: p2g and the nodes' velocities of one only
+    count: ti.i32,  # of substeps; more than one need state_out to be state. 0: only p2g and the nodes' velocities of one substep
     workers: ti.i32, roster: counters,  # see `crew`
     # body: `first` particle of every task
     first: integers, particle: constants, state: states, state_out: states, force: forces, pin_velocity: rows,
     # at the nodes, see `conditions.boundary_velocity`
     clamp: flags, clamp_velocity: lattice_rows, planes: rows, solid: lattice_rows,
-    # `lattice_of`; integers, see `Body`; boxes (tasks, BOX): first and last of the particles' first nodes, in and out, and their origin;
+    # `lattice_of`; bounds, see `Body`; boxes (tasks, BOX), in and out: first and last of the particles' first nodes, and ORIGIN;
     # status (tasks, 2) out: code, particle
     lattice: numbers, bounds: integers, boxes: table, status: table,
-    # grids: the tasks' own, one after the other, then momentum and velocity of all
+    # grids: the tasks' own, one after another, then momentum and velocity of all nodes
     grid: nodes, momentum: nodes, velocity: nodes,
 ):  # fmt: skip
-    """p2g, the nodes' velocities, g2p, until all substeps are done or one has stopped."""
+    """p2g, the nodes' velocities and g2p, until all substeps are done or the run must stop."""
     ti.loop_config(block_dim=STRIDE)
     for turn in range(workers * STRIDE):
         if turn % STRIDE == 0:
@@ -61,5 +61,5 @@ def substeps(
                         move_bounds(tasks, bounds, boxes, status)
                         finish(roster, phase + 3)
                     await_all(roster, phase + 3, 1)
-                # Whoever is late and sees the stop of a later substep finds nothing to do in between either.
+                # A worker that is late and already sees the stop of a later substep has no tasks left in between.
                 phase = ti.select(bounds[STOPPED] != 0, last, phase + PHASES)

@@ -1,13 +1,13 @@
-"""The substep of MLS-MPM: what one particle brings to its nodes, what a node's momentum becomes, what one particle takes home.
+"""The substep of MLS-MPM, for single particles and nodes: p2g of a particle, the velocity of a node, g2p of a particle.
 
-Hu et al. 2018, "A moving least squares material point method"; Jiang et al. 2015, "The affine particle-in-cell method". The lattice's nodes
-are at offset + dx (i, j, k) for all integers; `lo` and `dims` name the box of it that is in use, so a body may travel as far as it likes.
+Hu et al. 2018, "A moving least squares material point method"; Jiang et al. 2015, "The affine particle-in-cell method". The lattice has
+nodes at offset + dx (i, j, k) for all integers; `lo` and `dims` give the box of nodes in use, so a body may travel arbitrarily far.
 
-The external acceleration a_p, held over a frame, is added to the particle's velocity before p2g, as in the paper (arXiv 2512.00762); its
-gradient goes into the affine momentum. Without that the torque and the strain that a field has over one kernel are lost.
+The external acceleration a_p, constant over a frame, is added to the particle's velocity before p2g, as in the paper (arXiv 2512.00762);
+its gradient is added to the affine momentum. Otherwise the torque and strain that a field causes within one kernel would be lost.
 
-All that runs substeps is made of these functions: one body on all cores (`parallel`), many copies of one, each on a core, and a body whose
-every substep is kept (`copies_forward`).
+Everything that runs substeps is built from these functions: one body on all cores (`parallel`), and many copies of a body, each on a core,
+or one body with every substep kept (`copies_forward`).
 """
 # The compiler reads the annotations of functions at run time: they are values, which mypy cannot check and `annotations` may not postpone.
 # mypy: ignore-errors
@@ -37,19 +37,20 @@ from .packed import (
 )
 
 RUNNING, NOT_FINITE, TOO_FAST, INVERTED, GRID_FULL, BURST = 0, 1, 2, 3, 4, 5
-"""Status of a body. GRID_FULL is no failure: the caller gives more nodes and calls again."""
+"""Status of a body. GRID_FULL is not a failure: the caller provides more nodes and calls again."""
 STRIDE = 1024
-"""Turns of a kernel's outer loop for each worker, all but one of them empty: the compiler runs loops of less than about a thousand turns on
-one thread."""
+"""Iterations of a kernel's outer loop for each worker, all but one of them empty: the compiler runs loops of fewer than about a thousand
+iterations on one thread."""
 CLAMP_LO, SOLID_LO = 2, 3
-"""Rows of three in an array of integers that kernels call `bounds`: first nodes of the boxes of clamped and solid nodes."""
+"""Rows of three in the array of integers `bounds`: first nodes of the boxes of clamped and of solid nodes."""
 
 
 @ti.func
 def node_terms(tau, row, push, own, f, particle: ti.template(), state: ti.template(), force: ti.template(), dx, dt):
-    """What a particle at f from its first node brings to its nodes under the stress tau, S + i X + j Y + k Z: momentum and mass.
+    """S, X, Y, Z, each (4,): a particle at distance f [cells] from its first node, with the stress tau, adds w (S + i X + j Y + k Z) to the
+    momentum and mass of its node (i, j, k).
 
-    It is m (v + dt a) + A (x_i - x_p) with A of the MLS-MPM transfer; B = dx A.
+    The momentum is m (v + dt a) + A (x_i - x_p), with the affine momentum A of the MLS-MPM transfer; X, Y, Z are the columns of dx A.
     """
     k = (4.0 * dt / dx) * particle[own + VOLUME]
     scale = particle[own + MASS] * dx
@@ -66,7 +67,7 @@ def particle_to_grid(
     plastic: ti.template(), row, push, own, first_node, particle: ti.template(), state: ti.template(),
     force: ti.template(), offset, dx, dt, lo, dims, grid: ti.template(),
 ):  # fmt: skip
-    """p2g of one particle, whose state, force and numbers begin at row, push and own: adds momentum and mass to the 27 nodes round it."""
+    """p2g of one particle, whose state, force and constants begin at row, push and own: adds to momentum and mass of its 27 nodes."""
     F0, F1, F2 = state[row], state[row + 1], state[row + 2]
     at, f = corner_of(fourths(F0, F1, F2, 0.0), offset, 1.0 / dx, lo, dims, first_node)
     law = ti.cast(particle[own + LAW], ti.i32)
@@ -83,12 +84,12 @@ def grid_to_particle(
     plastic: ti.template(), p, row, own, row_out, first_node, particle: ti.template(), state: ti.template(), state_out: ti.template(),
     pin_velocity: ti.template(), offset, dx, dt, lo, dims, velocity: ti.template(),
 ):  # fmt: skip
-    """g2p of particle p, from `state` at row to `state_out` at row_out: returns its status and its new place (4,)."""
+    """g2p of particle p, from `state` at row to `state_out` at row_out; returns its status and its new position (4,)."""
     F0, F1, F2 = state[row], state[row + 1], state[row + 2]
     x = fourths(F0, F1, F2, 0.0)
     free, prescribed = 1.0, 0.0 * F0
     if ti.cast(particle[own + ROLE], ti.i32) != FREE:
-        pin = ti.min(p, pin_velocity.shape[0] - 1)  # one row for all where they stand still
+        pin = ti.min(p, pin_velocity.shape[0] - 1)  # one row for all particles if the pins stand still
         free, prescribed = 0.0, ti.Vector([pin_velocity[pin, 0], pin_velocity[pin, 1], pin_velocity[pin, 2], 0.0])
     at, f = corner_of(x, offset, 1.0 / dx, lo, dims, first_node)
     v, Mx, My, Mz = gather(f, at, dims, velocity)
@@ -98,7 +99,7 @@ def grid_to_particle(
     F0, F1, F2 = F0 + dt * times_columns(Cx, Cy, Cz, F0), F1 + dt * times_columns(Cx, Cy, Cz, F1), F2 + dt * times_columns(Cx, Cy, Cz, F2)
     F = from_columns(F0, F1, F2)
     status, speed_sqr, J = RUNNING, v[0] * v[0] + v[1] * v[1] + v[2] * v[2], F.determinant()
-    # Also when one is NaN. What is not finite in C is not in F.
+    # Written so that NaN fails, too. If C is not finite, neither is F.
     if not (speed_sqr < 1e30 and ti.abs(J) < 1e30):
         status = NOT_FINITE
     elif dt * dt * speed_sqr > dx * dx:
@@ -130,7 +131,7 @@ def node_velocity(
     node, g, lo, dims, bounds: ti.template(), offset, dx, clamp: ti.template(), clamp_velocity: ti.template(), planes: ti.template(),
     solid: ti.template(),
 ):  # fmt: skip
-    """Momentum over mass, and what the boundary makes of it, with the mass."""
+    """A node's velocity under its boundary conditions, and its mass (4,), from its momentum and mass g (4,)."""
     v = ti.Vector.zero(float, 3)
     if g[3] > 0.0:
         v = boundary_velocity(

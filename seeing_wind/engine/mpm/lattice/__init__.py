@@ -1,8 +1,8 @@
-"""The grid: where its nodes lie, which of them are held, and what stands in the way.
+"""The grid: where its nodes lie, which of them are held, and the colliders.
 
-    boundary.py         the clamp of a pinned body          kinematics.py  clamps and colliders that move
-    conditions.py       what a node's velocity becomes
-    colliders.py        planes, and all together            mesh_collider.py  closed meshes, also those that move
+    boundary.py         the clamp of a pinned body          kinematics.py     clamps and colliders that move
+    conditions.py       the boundary conditions of a node's velocity
+    colliders.py        planes; all colliders on a lattice  mesh_collider.py  closed meshes, still or moving
     signed_distance.py, closed_mesh.py                      the geometry of meshes
-    beside.py           what places do beside points that move
+    beside.py           the motion of places next to points that move
 """

@@ -1,4 +1,4 @@
-"""What places do beside points that move: pinned particles, and the vertices of a collider."""
+"""The motion of places next to points that move: pinned particles, or the vertices of a collider."""
 
 from __future__ import annotations
 
@@ -6,18 +6,18 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 _NEAREST = 12
-"""Points that tell what a place beside them does."""
+"""How many of the nearest points determine the motion of a place."""
 
 
 def carried(x: np.ndarray, then: np.ndarray, now: np.ndarray) -> np.ndarray:
-    """Where x (P, 3) would be now if each place moved rigidly with the points nearest to it, (M, 3) then and now [m]."""
+    """Where places x (P, 3) would be now if each moved rigidly with the points nearest to it, at `then` and `now` (M, 3); all [m]."""
     if not len(x):
         return x
     near = cKDTree(then).query(x, k=min(_NEAREST, len(then)))[1].reshape(len(x), -1)
     then, now = then[near], now[near]
     centre, centre_now = then.mean(axis=1, keepdims=True), now.mean(axis=1, keepdims=True)
     covariance = np.einsum("pki,pkj->pij", now - centre_now, then - centre)
-    # A little of the identity: what the points leave open (all on one line, or one alone) does not turn.
+    # A little of the identity is added: a rotation that the points do not determine (all on one line, or a single one) is then none.
     size = np.einsum("pki,pki->p", then - centre, then - centre)
     U, _, Vt = np.linalg.svd(covariance + (1e-6 * size + 1e-30)[:, None, None] * np.eye(3))
     U[:, :, 2] *= np.sign(np.linalg.det(U @ Vt))[:, None]
@@ -25,7 +25,10 @@ def carried(x: np.ndarray, then: np.ndarray, now: np.ndarray) -> np.ndarray:
 
 
 def velocity_at(places: np.ndarray, x: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Velocity (P, 3) at places (P, 3) beside points x (M, 3) [m] with velocities v (M, 3) [m/s]: rigid, then affine, least squares."""
+    """Velocity (P, 3) [m/s] at places (P, 3) next to points x (M, 3) [m] with velocities v (M, 3) [m/s].
+
+    It is a least-squares fit to the nearest points: their rigid motion, plus an affine fit to what remains.
+    """
     if not len(places):
         return np.zeros((0, 3))
     near = cKDTree(x).query(places, k=min(_NEAREST, len(x)))[1].reshape(len(places), -1)

@@ -1,4 +1,4 @@
-"""Triangle meshes as solids: what is closed, how much it holds, which points lie on it, and which inside."""
+"""Triangle meshes as solids: whether they are closed, their area and volume, points on them, and which points lie inside."""
 
 from __future__ import annotations
 
@@ -6,20 +6,23 @@ import numpy as np
 
 
 def weld(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """Triangles (M, 3) in which vertices at the same place go by one number: many files repeat vertices at texture seams."""
+    """Triangles (M, 3) renumbered so that vertices at the same place have one number: many files repeat vertices at texture seams."""
     size = max(float(np.ptp(vertices, axis=0).max()), 1e-300)
     return np.unique(np.round(vertices / (1e-7 * size)), axis=0, return_inverse=True)[1].ravel()[triangles]
 
 
 def triangle_areas(vertices: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Areas (M,) [m²] and edge cross products (M, 3) of triangles."""
+    """Areas (M,) [m²] and cross products (M, 3) [m²] of two edges, of triangles (M, 3)."""
     a, b, c = (vertices[triangles[:, k]] for k in range(3))
     cross = np.cross(b - a, c - a)
     return 0.5 * np.linalg.norm(cross, axis=1), cross
 
 
 def dots_on(corners: np.ndarray, spacing: float) -> tuple[np.ndarray, np.ndarray]:
-    """Points (P, 3) on triangles (M, 3, 3), none of a triangle's further than `spacing` [m] from one, and their triangles (P,)."""
+    """Points (P, 3) on triangles with these corners (M, 3, 3), and the triangle (P,) of each point.
+
+    No place on a triangle is farther than `spacing` [m] from one of its points.
+    """
     edge = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
     cuts = np.maximum(np.ceil(edge / spacing), 1).astype(int)
     dots, owner = [], []
@@ -42,7 +45,7 @@ def signed_volume(vertices: np.ndarray, triangles: np.ndarray) -> float:
 
 
 def is_closed(triangles: np.ndarray) -> bool:
-    """Whether every edge is passed once in either direction: a surface with an inside, consistently wound."""
+    """Whether every edge is passed exactly once in each direction: a consistently wound surface with an inside."""
     edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]).astype(np.int64)
     size = edges.max() + 1
     forward, backward = edges[:, 0] * size + edges[:, 1], edges[:, 1] * size + edges[:, 0]
@@ -50,9 +53,9 @@ def is_closed(triangles: np.ndarray) -> bool:
 
 
 def winding_numbers(vertices: np.ndarray, triangles: np.ndarray, axes: list[np.ndarray]) -> np.ndarray:
-    """Winding number (A, B, C) int of a closed surface about lattice points, by signed crossings of the lines along Z.
+    """Winding number (A, B, C) int of a closed surface about the points of a lattice, from signed crossings of lines along Z.
 
-    A line that meets an edge counts it once for each triangle: give the lattice a place where the mesh is unlikely to have vertices.
+    A line through an edge counts a crossing for each of the two triangles: place the lattice where the mesh is unlikely to have edges.
 
     Args:
         vertices: (V, 3) [m].

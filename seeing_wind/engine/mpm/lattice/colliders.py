@@ -1,11 +1,12 @@
-"""Colliders: planes and closed meshes, and what the lattice's nodes see of them.
+"""Colliders: planes and closed meshes, and how they are sampled at the lattice's nodes.
 
-Planes act wherever the body goes. Of a mesh every node inside gets the way out: its depth and the direction to the nearest place of the
-surface (a signed distance sampled on the lattice, as in Stomakhin et al. 2013, section 8).
+Planes act wherever the body goes. For a mesh, every node inside stores its depth and the direction to the nearest place of the surface (a
+signed distance sampled on the lattice, as in Stomakhin et al. 2013, section 8).
 
-Where contact begins: matter stops not at the last held node but about a cell before it, as its quadratic splines reach out that far. So
-a wall holds only nodes at least `INSET` cells behind it, which puts a resting body's own surface on the wall. Across a lattice the
-held layer, and with it the contact, may still lie half a cell off; `align_lattice` takes that away for planes along the lattice's axes.
+Where contact begins: matter stops not at the outermost held node but about a cell before it, because its quadratic splines reach that far.
+So a wall holds only nodes at least `INSET` cells behind it, which puts the surface of a resting body on the wall. Depending on where the
+lattice lies, the held layer, and with it the contact, may still be half a cell off; `align_lattice` removes this error for planes normal to
+one of the lattice's axes.
 """
 
 from __future__ import annotations
@@ -28,9 +29,9 @@ INSET = 0.95
 _MOST_NODES = 3_000_000
 """Nodes of the box around all meshes (200 MB)."""
 _THINNEST = 3.0
-"""Cells that a mesh must be thick (twice its volume over its surface) to have held nodes all through."""
+"""Least thickness of a mesh (twice its volume over its surface) [cells] for which held nodes are sure to fill it."""
 _DEEP = 0.1
-"""Cells that a particle may start inside a collider before the user hears of it."""
+"""Depth inside a collider [cells] at which a particle may start without a note to the user."""
 
 
 @dataclass(frozen=True)
@@ -38,11 +39,11 @@ class Plane:
     """An infinite plane; matter stays on the side that its normal points to."""
 
     point: tuple[float, float, float]
-    """[m]."""
+    """A point of the plane [m]."""
     normal: tuple[float, float, float]
     """Of any length."""
     kind: str = "separate"
-    """separate: what touches it may leave but not enter; slip: may only slide; sticky: stands still."""
+    """separate: matter in contact may leave but not enter; slip: it may only slide; sticky: it does not move relative to the collider."""
     friction: float = 0.0
     """Coulomb's coefficient, for separate and slip."""
 
@@ -75,7 +76,7 @@ def _vector(value: object, name: str) -> tuple[float, float, float]:
 
 @dataclass(frozen=True, eq=False)
 class ColliderGrid:
-    """All colliders as `conditions.boundary_velocity` takes them."""
+    """All colliders in the form that `conditions.boundary_velocity` takes."""
 
     planes: np.ndarray
     """(K, 8): unit normal, d, kind, friction, 0, 0; nodes with n.x < d are held [m]."""
@@ -84,7 +85,7 @@ class ColliderGrid:
     solid: np.ndarray
     """(a, b, c, 8): kind (0 is outside), normal, friction, velocity of the wall [m/s]."""
     depth: np.ndarray
-    """(a, b, c) of nodes inside a mesh, from its true surface [m]; 0 outside."""
+    """(a, b, c) depth of nodes inside a mesh, below its true surface [m]; 0 outside."""
 
     @property
     def active(self) -> bool:
@@ -108,7 +109,7 @@ def moves(collider: Collider) -> bool:
 
 
 def within_reach(colliders: Sequence[Collider], region: np.ndarray, frame: int) -> tuple[Collider, ...]:
-    """Those that bodies in a region (2, 3) [m] could meet in a frame, if one of them moves, else none. Planes always count."""
+    """The colliders that bodies in a region (2, 3) [m] could meet in a frame, planes always among them; none if none of these moves."""
 
     def near(mesh: MeshCollider) -> bool:
         at = mesh.vertices[None] if mesh.path is None else mesh.path[min(frame, len(mesh.path) - 1) :][:2]
@@ -122,7 +123,7 @@ def collider_grid(colliders: Sequence[Collider], offset: np.ndarray, dx: float, 
     """Colliders on the lattice with a node at `offset` (3,) [m] and spacing dx [m]; meshes only in a region (2, 3) [m], if it is given.
 
     Raises:
-        UsageError: for something that is no collider.
+        UsageError: for something that is not a collider.
         SimulationError: when the box around the meshes has too many nodes.
     """
     walls = _planes(colliders)
@@ -192,7 +193,7 @@ def collider_notes(x: np.ndarray, colliders: Sequence[Collider], grid: ColliderG
     near = np.flatnonzero(((local >= 0) & (local < grid.depth.shape)).all(axis=1))
     depth[near] = np.maximum(depth[near], grid.depth[tuple(local[near].T)])
     for mesh in (collider for collider in colliders if isinstance(collider, MeshCollider)):
-        shallow = near[depth[near] < 2.0 * dx]  # the nearest node says too little
+        shallow = near[depth[near] < 2.0 * dx]  # so near the surface the depth of the nearest node is too coarse
         if len(shallow):
             closest, normal = closest_on(mesh, x[shallow], dx)
             way = closest - x[shallow]

@@ -1,9 +1,9 @@
-"""What a grid node's velocity becomes at planes, in solid colliders and at pins, and the derivative of that.
+"""Boundary conditions of a grid node's velocity, at planes, in solid colliders and at pins, and their derivative.
 
-Applied once a substep, between momentum / mass and g2p. The contact law is Stomakhin et al. 2013, "A material point method for snow
-simulation", section 8: relative to the wall the normal part that runs into it is taken away, and Coulomb's friction takes from the
-tangential part at most mu times as much. Every branch is differentiated exactly; on a kink (just touching, just slipping) the derivative
-is that of one side.
+They are applied once per substep, between momentum / mass and g2p. The contact law is that of Stomakhin et al. 2013, "A material point
+method for snow simulation", section 8: relative to the wall, the normal component into it is removed, and Coulomb's friction reduces the
+tangential component by up to mu times as much. Every branch is differentiated exactly; at a kink (just touching, just slipping) the
+derivative is that of one side.
 """
 # The compiler reads the annotations of functions at run time: they are values, which mypy cannot check and `annotations` may not postpone.
 # mypy: ignore-errors
@@ -11,12 +11,12 @@ is that of one side.
 from ..compiler import ti
 
 NONE, STICKY, SLIP, SEPARATE = 0, 1, 2, 3
-"""Kinds of wall: a node stands still with it; may slide but neither enter nor leave; may also leave."""
+"""Kinds of wall: none; a node moves with the wall (STICKY), may slide but neither enter nor leave (SLIP), or may also leave (SEPARATE)."""
 
 
 @ti.func
 def contact_velocity(v, n, kind, friction, wall):
-    """Velocity of a node within a wall of unit normal n (outwards) that moves with velocity `wall`; v is the node's own."""
+    """Velocity of a node inside a wall with the outward unit normal n that moves with velocity `wall`; v: the node's velocity before."""
     u = v - wall
     along = u.dot(n)
     if kind == STICKY:
@@ -76,8 +76,8 @@ def boundary_velocity(
         v: momentum / mass [m/s].
         offset, dx: the node is at offset + dx node [m].
         clamp_lo, clamp (a, b, c) int, clamp_velocity (a, b, c, 3): nodes whose velocity is prescribed (clamp not 0) [m/s].
-        planes: (K, 8), rows of nx ny nz d kind friction 0 0; it holds nodes with n.x < d.
-        solid_lo, solid (a, b, c, 8): kind nx ny nz friction vx vy vz at nodes; kind 0 where there is nothing.
+        planes: (K, 8), rows of nx ny nz d kind friction 0 0; a plane holds nodes with n.x < d.
+        solid_lo, solid (a, b, c, 8): kind nx ny nz friction vx vy vz at nodes; kind 0 where there is no collider.
     """
     x = place_of(node, offset, dx)
     out = v
@@ -101,7 +101,7 @@ def boundary_velocity(
 
 @ti.func
 def boundary_jacobian(node, v, offset, dx, clamp_lo, clamp: ti.template(), planes: ti.template(), solid_lo, solid: ti.template()):
-    """d boundary_velocity / d v, (3, 3); v is again momentum / mass. The conditions get no derivatives."""
+    """d boundary_velocity / d v, (3, 3); v is again momentum / mass. The conditions themselves are taken as constant."""
     x = place_of(node, offset, dx)
     J = ti.Matrix.identity(float, 3)
     through = v

@@ -1,9 +1,9 @@
-"""What holds at the nodes during a frame: pins and colliders that stand still or follow a path.
+"""The boundary conditions at the nodes during a frame: pins and colliders that stand still or follow a path.
 
-A pinned particle goes straight from where the path has it at one frame to where it has it at the next. The nodes that it clamps get
-the velocity that the nearest pinned particles have there: their rigid motion, and what of an affine motion is left. Two things keep the
-clamp as good as one that stands still (see `boundary`): the lattice, which remembers nothing, moves along with the pins, and which nodes
-are clamped is found again whenever pins have moved a quarter of a cell against each other.
+A pinned particle moves in a straight line between its places at two consecutive frames. The clamped nodes get the velocity of the nearest
+pinned particles, continued to the node: their rigid motion, and an affine fit to what remains. Two things keep the clamp as good as one
+that stands still (see `boundary`): the lattice, which stores no state between substeps, moves along with the pins, and the clamped nodes
+are determined again whenever pins have moved a quarter of a cell relative to it.
 """
 
 from __future__ import annotations
@@ -26,25 +26,26 @@ from .mesh_collider import MeshCollider
 _LATTICE_LAG = 0.1
 """Cells that pins may move before the lattice follows."""
 _CLAMP_LAG = 0.25
-"""Cells that pins may move against the lattice before the clamped nodes are found again."""
+"""Cells that pins may move relative to the lattice before the clamped nodes are determined again."""
 _LIFT_LAG = 0.02
-"""The same of a collider: contact takes away velocity into it and never pushes out, so what rests on it sinks towards the phase in which
-the held nodes lie deepest."""
+"""Cells that a collider may move before the lattice follows. It is small because contact only removes velocity into the collider and never
+pushes out, so what rests on it sinks as far as where the held nodes lie deepest."""
 _WALL_LAG = 0.5
-"""Cells that a collider may move before it is sampled again, unless it would need more than"""
+"""Cells that a collider may move before it is sampled again, but see `_MOST_WALLS`."""
 _MOST_WALLS = 16
-"""samples in a frame."""
+"""Samples of the colliders in a frame, at most."""
 _AROUND, _FASTER = 4.0, 2.0
-"""Cells beyond the particles, and times what they and the colliders go in a frame, within which they may meet."""
+"""Margin around the particles within which they may meet a collider: in cells, plus this many times what particles and colliders move in a
+frame."""
 _REACH = 6.0
-"""Cells beyond the pins within which free particles count for the clamp."""
+"""Distance from the pins [cells] within which free particles are taken into account for the clamp."""
 _AWAY = 0.05
-"""Cells by which the path may start beside the particles."""
+"""How far from the particles their path may start [cells]."""
 
 
 @dataclass(frozen=True)
 class Conditions:
-    """Arguments of `conditions.boundary_velocity` for a share of a frame."""
+    """Arguments of `conditions.boundary_velocity` for a part of a frame."""
 
     offset: np.ndarray
     """(3,) a node of the lattice [m]."""
@@ -53,22 +54,22 @@ class Conditions:
     clamp: np.ndarray
     """(a, b, c) int32, 1 where the velocity is prescribed."""
     clamp_velocity: np.ndarray
-    """(a, b, c, 3) that velocity [m/s]."""
+    """(a, b, c, 3) the prescribed velocity [m/s]."""
     pin_velocity: np.ndarray
-    """(N, 3) with which pinned particles move [m/s], or one row (1, 3) for all of them."""
+    """(N, 3) velocity of pinned particles [m/s], or one row (1, 3) for all of them."""
     planes: np.ndarray
     """(K, 8), see `colliders.ColliderGrid`."""
     solid_lo: np.ndarray
-    """(3,) int32."""
+    """(3,) int32, first node of `solid`."""
     solid: np.ndarray
     """(a, b, c, 8), see `colliders.ColliderGrid`."""
 
 
 def checked_pin_path(pin_path: np.ndarray, x: np.ndarray, pinned: np.ndarray, dx: float) -> np.ndarray:
-    """The path (T+1, M, 3) [m] as float64, for particles x (N, 3) of which pinned (N,) bool are M.
+    """The path (T+1, M, 3) [m] as float64, for particles x (N, 3) of which M are pinned (N,) bool; dx: the grid's cell size [m].
 
     Raises:
-        UsageError: nothing is pinned, the shape is wrong, a position is not finite, or it starts elsewhere than the particles.
+        UsageError: nothing is pinned, the shape is wrong, a position is not finite, or the path does not start at the particles.
     """
     path, count = np.asarray(pin_path), int(pinned.sum())
     if not count:
@@ -91,9 +92,9 @@ def checked_pin_path(pin_path: np.ndarray, x: np.ndarray, pinned: np.ndarray, dx
 
 
 def conditions_for(model: Model, frame: int, state: State) -> list[Conditions]:
-    """What holds during `frame`: piece i of P from substep i S // P of the frame's S to the next piece's.
+    """The conditions during `frame`, in P consecutive pieces: of the frame's S substeps, piece i begins with number i S // P.
 
-    Colliders that move are sampled only where the particles of `state`, that of its start, may come.
+    Moving colliders are sampled only where the particles of `state`, the state at the frame's start, may get to.
 
     Raises:
         SimulationError: when the path of the pins has no such frame.
@@ -121,7 +122,7 @@ def conditions_for(model: Model, frame: int, state: State) -> list[Conditions]:
     step = span * (model.pin_path[frame + 1] - model.pin_path[frame])
     start = model.pin_path[frame] + model.part[0] * step
     at_rest = model.pin_rest[model.pinned]
-    # A mesh's signed distance is given on the lattice where it lies: with one, the lattice stays.
+    # A mesh's depth is sampled on the lattice in its present place: if there is a mesh, the lattice does not follow the pins.
     follow = 0.0 if movers or obstacles.solid[..., 0].any() else 1.0
     mean_step = follow * step.mean(axis=0)
     patterns = _count(float(np.linalg.norm(step - mean_step, axis=1).max()), _CLAMP_LAG * model.dx, model.substeps)
@@ -143,7 +144,7 @@ def conditions_for(model: Model, frame: int, state: State) -> list[Conditions]:
 
 
 def _region(model: Model, state: State, moved: float) -> np.ndarray:
-    """(2, 3) corners of where particles may be within a frame in which colliders move by `moved` [m]."""
+    """Corners (2, 3) [m] of the box in which particles may meet colliders in a frame, if these move by `moved` [m]."""
     reach = _AROUND * model.dx + _FASTER * (moved + float(np.linalg.norm(state.v, axis=1).max()) * model.frame_dt)
     return np.stack([state.x.min(axis=0) - reach, state.x.max(axis=0) + reach])
 
@@ -151,9 +152,9 @@ def _region(model: Model, state: State, moved: float) -> np.ndarray:
 def _conditions_during(
     model: Model, conditions: Conditions, time: float, region: np.ndarray | None, lasts: float, shifts: int
 ) -> list[Conditions]:
-    """As `_conditions_at`, for a while of `lasts` [frames] about `time`, in so many pieces.
+    """`_conditions_at` for an interval of `lasts` [frames] around `time`, in `shifts` pieces.
 
-    The lattice goes with the first collider that moves, which then is as smooth to lie on as one that stands still.
+    The lattice moves with the first collider that moves, so that contact with it is as smooth as with one that stands still.
     """
     if not model.movers:
         return [conditions]
@@ -165,7 +166,7 @@ def _conditions_during(
 
 
 def _conditions_at(model: Model, conditions: Conditions, time: float, region: np.ndarray | None) -> Conditions:
-    """The conditions with the colliders as they are at a time [frames], in a region (2, 3), where any of them moves."""
+    """The conditions with the colliders as they are at a time [frames], within a region (2, 3) [m]; unchanged if no collider moves."""
     if not model.movers:
         return conditions
     posed = [one.posed(time, model.frame_dt * model.part[1]) if isinstance(one, MeshCollider) else one for one in model.movers]
@@ -178,7 +179,8 @@ def _count(distance: float, at_most: float, limit: int) -> int:
 
 
 def _clamp_at(model: Model, pins: np.ndarray, velocity: np.ndarray, still: Conditions, offset: np.ndarray) -> Conditions:
-    """Clamped nodes and their velocities while the M pinned particles are at `pins` (M, 3) [m] and move with `velocity` (M, 3) [m/s]."""
+    """The conditions `still`, with the clamped nodes and their velocities while the M pinned particles are at `pins` (M, 3) [m] and move
+    with `velocity` (M, 3) [m/s]; offset (3,): that of the lattice [m]."""
     assert model.pin_rest is not None
     rest, pinned = model.pin_rest, model.pinned
     tree = cKDTree(rest[pinned])

@@ -1,4 +1,4 @@
-"""Closed meshes in the way, which stand still or move; and what happens where matter touches any collider."""
+"""Closed meshes as colliders, still or moving; and the kinds of contact of any collider."""
 
 from __future__ import annotations
 
@@ -18,26 +18,26 @@ KINDS = {"sticky": STICKY, "slip": SLIP, "separate": SEPARATE}
 
 @dataclass(frozen=True, eq=False)
 class MeshCollider:
-    """A closed mesh; matter stays outside. Two are equal only if they are one: what it costs to sample one that stands is kept for it."""
+    """A closed mesh; matter stays outside. Compared by identity, so that the samples of a mesh that stands still can be cached."""
 
     vertices: np.ndarray
     """(V, 3) [m]."""
     faces: np.ndarray
     """(M, 3) int triangles, consistently wound; vertices at the same place count as one."""
     kind: str = "separate"
-    """As of `colliders.Plane`."""
+    """As in `colliders.Plane`."""
     friction: float = 0.0
-    """As of `colliders.Plane`."""
+    """As in `colliders.Plane`."""
     path: np.ndarray | None = None
     """(T+1, V, 3) [m] where the vertices are at every frame, in straight lines between; None for a mesh that stands still."""
     corners: np.ndarray = field(init=False, repr=False)
-    """(M, 3, 3) of the triangles that have an area [m]."""
+    """(M, 3, 3) corners of the triangles that have an area [m]."""
     velocity: np.ndarray | None = field(init=False, repr=False, default=None)
-    """(V, 3) of the vertices [m/s], of a mesh that is `posed`."""
+    """(V, 3) of the vertices [m/s], for a mesh returned by `posed`; else None."""
 
     def __post_init__(self) -> None:
-        """UsageError: see `check_kind`; for a mesh that is open, empty, flat, not finite, or names vertices that it lacks, and
-        for a path of other vertices, or one that leads nowhere."""
+        """UsageError: see `check_kind`; also for a mesh that is open, empty, flat, not finite, or refers to missing vertices, and for a path
+        that has another number of vertices, is not finite, or leads too far."""
         check_kind("mesh collider", self.kind, self.friction)
         vertices, faces = np.asarray(self.vertices), np.asarray(self.faces)
         if vertices.ndim != 2 or vertices.shape[1] != 3 or faces.ndim != 2 or faces.shape[1] != 3 or not len(faces):
@@ -47,7 +47,7 @@ class MeshCollider:
             raise UsageError("A vertex of a collider's mesh is not finite.", "Check the mesh and the object's transform.")
         if faces.dtype.kind not in "iu" or faces.min() < 0 or faces.max() >= len(vertices):
             raise UsageError(
-                f"A face of a collider's mesh names a vertex that is not there; there are {len(vertices)}.", "Export the mesh again."
+                f"A face of a collider's mesh refers to a vertex that does not exist; there are {len(vertices)}.", "Export the mesh again."
             )
         path = None if self.path is None else _checked_path(self.path, len(vertices))
         vertices = vertices.astype(np.float64) if path is None else path[0]
@@ -55,43 +55,43 @@ class MeshCollider:
         solid = solid[(solid != np.roll(solid, 1, axis=1)).all(axis=1)]
         if not len(solid) or not is_closed(solid):
             raise UsageError(
-                "A collider's mesh is open or its faces do not all look the same way.",
+                "A collider's mesh is open, or its faces do not all face the same way.",
                 "Close its holes and recalculate its normals (Mesh > Normals > Recalculate Outside), or use a plane (in the panel: Floor).",
             )
         size = float(np.ptp(vertices, axis=0).max())
         if not abs(signed_volume(vertices, faces)) > 1e-9 * size**3:
-            raise UsageError("A collider's mesh holds no volume.", "Give it a thickness, or use a plane (in the panel: Floor).")
+            raise UsageError("A collider's mesh encloses no volume.", "Give it a thickness, or use a plane (in the panel: Floor).")
         object.__setattr__(self, "path", path)
         object.__setattr__(self, "faces", faces.astype(np.int64))
-        self._stand(vertices)
+        self._place(vertices)
 
-    def _stand(self, vertices: np.ndarray) -> None:
-        """Take the vertices' places."""
+    def _place(self, vertices: np.ndarray) -> None:
+        """Put the vertices at (V, 3) [m]."""
         size = float(np.ptp(vertices, axis=0).max())
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "corners", vertices[self.faces[triangle_areas(vertices, self.faces)[0] > 1e-14 * size**2]])
 
     def posed(self, time: float, frame_dt: float) -> MeshCollider:
-        """As it is at a time [frames], a frame being `frame_dt` [s] long, with its velocity. After its path it stands still."""
+        """The mesh at a time [frames], with its velocity; a frame lasts `frame_dt` [s]. After the end of its path it stands still."""
         if self.path is None:
             return self
         frame = min(max(int(time), 0), len(self.path) - 2)
         share = min(max(time - frame, 0.0), 1.0)
-        one = copy.copy(self)  # of a mesh that was checked
-        one._stand((1.0 - share) * self.path[frame] + share * self.path[frame + 1])
+        one = copy.copy(self)  # the mesh has been checked already
+        one._place((1.0 - share) * self.path[frame] + share * self.path[frame + 1])
         away = self.path[frame + 1] - self.path[frame]
         object.__setattr__(one, "velocity", away / frame_dt if time <= len(self.path) - 1 else np.zeros_like(away))
         object.__setattr__(one, "path", None)
         return one
 
     def delayed(self, frames: int) -> MeshCollider:
-        """One that begins to move so many frames later."""
+        """The same collider, but it begins to move so many frames later."""
         if self.path is None or not frames:
             return self
         return replace(self, path=np.concatenate([np.repeat(self.path[:1], frames, axis=0), self.path]))
 
     def farthest(self, frame: int) -> float:
-        """How far a vertex goes in a frame [m]; 0 after its path."""
+        """The farthest that a vertex moves in a frame [m]; 0 after the end of the path."""
         if self.path is None or frame + 1 >= len(self.path):
             return 0.0
         return float(np.linalg.norm(self.path[frame + 1] - self.path[frame], axis=1).max())
@@ -104,7 +104,7 @@ def _checked_path(path: np.ndarray, count: int) -> np.ndarray:
             f"The path of a collider's mesh is {path.dtype} of shape {path.shape}.", f"It must be (T+1, {count}, 3), in metres."
         )
     if not np.isfinite(path).all() or np.abs(path).max() > FARTHEST:
-        raise UsageError("The path of a collider's mesh leads nowhere, or too far.", "Check the animation, and the unit: metres.")
+        raise UsageError("The path of a collider's mesh is not finite, or leads too far.", "Check the animation, and the unit: metres.")
     return path.astype(np.float64)
 
 

@@ -1,4 +1,4 @@
-"""Signed distance of a closed mesh at the nodes of a lattice, and the way out of it."""
+"""Depth inside a closed mesh at the nodes of a lattice, and the direction of the shortest way out."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from .closed_mesh import dots_on, signed_volume, winding_numbers
 from .mesh_collider import MeshCollider
 
 _LOOKED_AT = 6
-"""Dots on the surface, the nearest ones to a point, whose triangles are asked for the nearest place."""
+"""How many dots on the surface, those nearest to a point, have their triangles searched for the nearest place."""
 _ROUND = 8.0
-"""Times the spacing of the dots, beyond the points, within which they are looked for first."""
+"""Margin around the points within which dots are searched first, in spacings of the dots."""
 _EXACT = 3.0
-"""Cells below the surface down to which distances to it are exact."""
+"""Depth below the surface [cells] down to which distances to it are exact."""
 
 
 def node_box(mesh: MeshCollider, offset: np.ndarray, dx: float, region: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-    """First and last node (3,) of those that may lie inside, and in a region (2, 3) [m] if there is one; none where first is past last."""
+    """First and last node (3,) that may lie inside the mesh, and in a region (2, 3) [m] if given; there are none if first > last."""
     low, high = mesh.vertices[mesh.faces.ravel()].min(axis=0), mesh.vertices[mesh.faces.ravel()].max(axis=0)
     if region is not None:
         low, high = np.maximum(low, region[0]), np.minimum(high, region[1])
@@ -32,13 +32,13 @@ def node_box(mesh: MeshCollider, offset: np.ndarray, dx: float, region: np.ndarr
 def inside_of(
     mesh: MeshCollider, first: tuple[int, ...], last: tuple[int, ...], offset: tuple[float, ...], dx: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Depth [m] below the surface, 0 outside, and the unit way out (..., 3) at nodes first..last."""
-    # A ten-thousandth of a cell aside, where no modeller puts an edge: a line along Z through one would count it twice.
+    """Depth [m] below the surface, 0 outside, and the unit vector (..., 3) of the shortest way out, at nodes first..last."""
+    # Shifted by a ten-thousandth of a cell, to where no modeller puts an edge: a line along Z through an edge would count it twice.
     aside = dx * np.array([1.37e-4, 2.11e-4, 0.0])
     axes = [offset[c] + dx * np.arange(first[c], last[c] + 1) for c in range(3)]
     inside = winding_numbers(mesh.vertices, mesh.faces, [axis + shift for axis, shift in zip(axes, aside)]) != 0
-    # Far inside, where nothing gets, the way to the nearest node outside is good enough; nearby, the way to the surface itself.
-    framed = np.pad(inside, 1, mode="edge")  # at the border of a region the mesh goes on
+    # Far inside, where no matter gets, the way to the nearest node outside is good enough; near the surface, the way to it is exact.
+    framed = np.pad(inside, 1, mode="edge")  # beyond the border of a region the mesh goes on
     cells, outside = distance_transform_edt(np.pad(inside, 1) if framed.all() else framed, return_indices=True)
     core = (slice(1, -1),) * 3
     way = np.moveaxis(outside, 0, -1)[core] - np.moveaxis(np.indices(cells.shape), 0, -1)[core]
@@ -55,11 +55,11 @@ def inside_of(
 
 
 kept_inside_of = lru_cache(maxsize=8)(inside_of)
-"""The same, kept for a mesh that is asked again."""
+"""`inside_of` with a cache, for meshes that stand still."""
 
 
 def closest_on(mesh: MeshCollider, points: np.ndarray, dx: float) -> tuple[np.ndarray, np.ndarray]:
-    """The place (P, 3) of the surface nearest to points (P, 3) [m], and the normal (P, 3) of its face."""
+    """The place (P, 3) [m] on the surface nearest to each of the points (P, 3) [m], and the outward unit normal (P, 3) of its face."""
     from trimesh.triangles import closest_point
 
     near = _nearest_faces(mesh, points, dx)
@@ -77,7 +77,7 @@ def closest_on(mesh: MeshCollider, points: np.ndarray, dx: float) -> tuple[np.nd
 
 
 def _nearest_faces(mesh: MeshCollider, points: np.ndarray, dx: float) -> np.ndarray:
-    """(P, k) triangles that have the dots next to points (P, 3) [m]. Of a large mesh only what is round the points is looked at first."""
+    """(P, k) the triangles of the dots nearest to points (P, 3) [m]. The part of the mesh around the points is searched first."""
     dots, owner = dots_on(mesh.corners, dx)
     if not len(points):
         return np.zeros((0, 1), int)

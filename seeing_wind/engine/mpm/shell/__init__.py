@@ -1,12 +1,12 @@
 """Shells: cloth, leaves and paper as triangle meshes without a thickness of their own, moved by large implicit substeps.
 
-    surface.py   the mesh, and what is no sheet          membrane.py  stretching, and folds finer than the mesh
+    surface.py   the mesh, and which meshes are refused  membrane.py  stretching, and folds finer than the mesh
     slopes.py    slopes across edges                     bending.py   curvature of faces, and its energy
     forces.py    the forces of all faces                 face_kernels.py  the same, compiled
     model.py     a sheet with mass and pins; its state   substep.py   one substep: backward differences and Newton's method
     rollout.py   a frame of substeps                     linear/      the linear equations
-    contact.py   vertices against planes; friction       obstacle.py  what stands in the way, as planes
-    compiled.py  kernels, ready to launch; lists for them
+    contact.py   vertices against planes; friction       obstacle.py  colliders, as planes for the vertices
+    compiled.py  launchers of kernels, and index lists for them
 
 See docs/reference/shells.md.
 """

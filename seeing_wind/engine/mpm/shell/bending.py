@@ -1,17 +1,17 @@
 """Bending: the curvature of every face, and the energy of a thin plate in it.
 
 The curvature of a face follows from the slopes at its three edges by the divergence theorem, A k = sum over edges of l n (x) grad: a
-rotation-free element (Onate and Zarate 2000, Int. J. Numer. Methods Eng. 47, 557) on the slopes of `slopes`. Constant curvature comes out
-exactly on any mesh, and as both faces of an edge share its slope, the moments of neighbours cancel as they should.
+rotation-free element (Onate and Zarate 2000, Int. J. Numer. Methods Eng. 47, 557) on the slopes of `slopes`. A constant curvature is exact
+on any mesh, and because both faces of an edge share its slope, the moments of neighbours cancel as they should.
 
-The slopes are taken of positions, three coordinates at once: k is then a vector, the second derivative of the position. Bent without
-stretching, a flat sheet has k along its normal and |k| is the curvature, so that the energy
+The slopes are those of the positions, all three coordinates at once: k is then a vector, the second derivative of the position. In a flat
+sheet that is bent without stretching, k is along the normal and |k| is the curvature, so that the energy
 
     1/2 D sum A (k11² + k22² + 2 nu k11 k22 + 2 (1 - nu) k12²)
 
-is quadratic in the positions and its matrix constant, yet no rotation changes it (Bergou, Wardetzky, Harmon, Zorin and Grinspun 2006,
-Symposium on Geometry Processing 227; Wardetzky et al. 2007, CAGD 24, 499). Of a sheet that is curved at rest, k counts from what it has
-at rest, turned with the face.
+is quadratic in the positions with a constant matrix, yet invariant under rotation (Bergou, Wardetzky, Harmon, Zorin and Grinspun 2006,
+Symposium on Geometry Processing 227; Wardetzky et al. 2007, CAGD 24, 499). For a sheet that is curved at rest, k is measured from its
+value at rest, turned with the face.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from .slopes import edge_slopes
 from .surface import Surface
 
 FLAT = 1e-6
-"""Curvature at rest, times the median edge's length, below which a sheet is flat."""
+"""A sheet counts as flat if its curvature at rest times its median edge length is below this."""
 
 
 @dataclass(frozen=True)
@@ -34,9 +34,9 @@ class Bending:
     """Faces that resist bending."""
 
     curvature: csr_array
-    """(3 F, V): k11 of all faces, then k22, then 2 k12, of positions, less what stays of a bent rest shape in the face's plane [1/m²]."""
+    """(3 F, V) [1/m²]: takes positions to k11 of all faces, then k22, then 2 k12, less the in-plane part that k has at rest."""
     rest: np.ndarray
-    """(3, F) the same at rest, along the normal [1/m]."""
+    """(3, F) k11, k22, 2 k12 at rest, along the normal [1/m]."""
     law: np.ndarray
     """(3, 3) D (1, nu; nu, 1; (1 - nu) / 2) [N m]."""
     area: np.ndarray
@@ -56,8 +56,8 @@ def bending(surface: Surface, m: Membrane, bending_stiffness: float, pinned: np.
     """The bending of a surface with the membrane m.
 
     Args:
-        bending_stiffness: D of the plate [N m], B / (1 - nu²) for a measured strip's B.
-        pinned: (V,) bool, which vertices are held; None for none.
+        bending_stiffness: D of the plate [N m]: B / (1 - nu²), where B was measured on a strip.
+        pinned: (V,) bool; None for no pinned vertices.
     """
     nu = m.poisson_ratio
     law = bending_stiffness * np.array([[1.0, nu, 0.0], [nu, 1.0, 0.0], [0.0, 0.0, 0.5 * (1.0 - nu)]])
@@ -73,7 +73,7 @@ def bending(surface: Surface, m: Membrane, bending_stiffness: float, pinned: np.
 
 
 def _curvature(surface: Surface, slopes: csr_array) -> csr_array:
-    """(3 F, V): k11, k22, 2 k12 of a function at the vertices, in the face's plane with the first axis along its first edge [1/m²]."""
+    """Matrix (3 F, V) [1/m²]: takes a function at the vertices to k11, k22, 2 k12 in the plane of each face, axis 1 from corner 0 to 1."""
     x, faces, count = surface.x, surface.faces, len(surface.faces)
     t, s = plane_axes(x[faces[:, 1]] - x[faces[:, 0]], x[faces[:, 2]] - x[faces[:, 0]])
     _, first = np.unique(surface.edge.ravel(), return_index=True)
@@ -101,7 +101,7 @@ def _curvature(surface: Surface, slopes: csr_array) -> csr_array:
 
 
 def _from_rest(k: csr_array, surface: Surface, m: Membrane) -> tuple[csr_array, np.ndarray]:
-    """The curvature counted from its part in the face's plane at rest, and its part along the normal there (3, F)."""
+    """The matrix k less its in-plane part at rest, turned with the face, and its part along the normal at rest (3, F) [1/m]."""
     count = len(surface.faces)
     at_rest = (k @ surface.x).reshape(3, count, 3)
     if np.abs(at_rest).max() * surface.edge_length < FLAT:
@@ -116,13 +116,13 @@ def _from_rest(k: csr_array, surface: Surface, m: Membrane) -> tuple[csr_array, 
 
 
 def normals(x: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Unit normals (F, 3)."""
+    """Unit normals (F, 3) of faces (F, 3) with vertices at x (V, 3)."""
     a, b, c = (x[faces[:, i]] for i in range(3))
     n = np.cross(b - a, c - a)
     return n / np.linalg.norm(n, axis=1, keepdims=True)
 
 
 def energy(b: Bending, x: np.ndarray) -> float:
-    """Of vertices x (V, 3) [J]."""
+    """Bending energy [J] of vertices at x (V, 3) [m]."""
     k = (b.curvature @ x).reshape(3, -1, 3) - b.rest[..., None] * normals(x, b.faces)
     return 0.5 * float(np.einsum("ifc,ij,jfc,f->", k, b.law, k, b.area))

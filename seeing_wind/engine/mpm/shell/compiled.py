@@ -1,4 +1,4 @@
-"""The kernels of this room, ready to launch, and lists of unequal length as they read them."""
+"""Launchers for the kernels of this room, and lists of unequal length in the form that kernels read."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ DOUBLE = np.dtype(np.float64)
 
 @cache
 def launcher(kernel: Any, real: np.dtype = DOUBLE) -> Launcher:
-    """What launches a kernel, traced in a precision; one for all sheets."""
+    """The launcher of a kernel, compiled for the precision `real`; all sheets share it."""
     device.start()
     return Launcher(kernel, real)
 
 
 def rows_by(row: np.ndarray, rows: int) -> tuple[np.ndarray, np.ndarray]:
-    """Where each row's list begins (rows + 1,), and the list of all (n,): the numbers of the entries of `row` (n,) that name it. int32."""
+    """Groups the entries of `row` (n,) by value: where each row's list begins (rows + 1,), and the entries' indices (n,). Both int32."""
     first = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=rows))])
     return first.astype(np.int32), np.argsort(row, kind="stable").astype(np.int32)

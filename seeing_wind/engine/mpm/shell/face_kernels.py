@@ -1,6 +1,6 @@
-"""What a face resists with, compiled: stress and its tangent (`membrane`), moments (`bending`), and their sum at the vertices.
+"""The forces of faces, compiled: stress and its tangent (`membrane`), moments (`bending`), and their sum at the vertices.
 
-All arrays are float64. Of a symmetric 3 x 3 matrix come six numbers: 00, 01, 02, 11, 12, 22.
+All arrays are float64. A symmetric 3 x 3 matrix is stored as six numbers: 00, 01, 02, 11, 12, 22.
 """
 # The compiler reads the annotations of kernels at run time: they are values, which mypy cannot check and `annotations` may not postpone.
 # mypy: ignore-errors
@@ -15,14 +15,15 @@ rows = ti.types.ndarray(ndim=2)
 matrices = ti.types.ndarray(ndim=3)
 
 STIFFNESS, RATIO, LAG, LAW = range(4)
-"""Places in `sheet`: tensile stiffness Y [N/m], Poisson's ratio, retardation time over the substep, and from there the 3 x 3 law of
-bending [N m], row by row."""
+"""Places in `sheet`: tensile stiffness Y [N/m], Poisson's ratio, retardation time over the substep; from LAW on, the 3 x 3 law of bending
+[N m], row by row."""
 
 
 @ti.func
 def principal(E0, E1, E2, Y, nu, N):
-    """Principal strains of E11, E22, 2 E12, moved by the buckling load N, the larger one first, their stresses plus N, by how much they
-    are below -SLACK, and cos and sin of twice the angle between the first one and the face's first axis."""
+    """For the strain E0 = E11, E1 = E22, E2 = 2 E12 and the buckling load N: the principal strains plus N (1 - nu) / Y, the larger first;
+    the principal stresses plus N; how far each principal strain lies below -SLACK (negative, else 0); cos and sin of twice the angle from
+    the face's first axis to the first principal direction."""
     shift = N * (1.0 - nu) / Y
     mean, half, shear = 0.5 * (E0 + E1) + shift, 0.5 * (E0 - E1), 0.5 * E2
     radius = ti.sqrt(half * half + shear * shear)
@@ -66,13 +67,14 @@ def forces_of_faces(
     vertex: integers, weight: rows, rest: rows, curved: ti.i32, curvature_before: rows, F_out: matrices, stress_out: rows,
     curvature_out: rows, gradient_out: matrices, moment_out: matrices,
 ):  # fmt: skip
-    """Deformation F (F, 3, 2), stress (F, 3), curvature (F, 3), the energy's derivative by corner (F, 3, 3), and the moments times the
-    area, a vector each (F, 3, 3), of every face with vertices at x (V, 3).
+    """Of every face with vertices at x (V, 3): deformation F (F, 3, 2), stress (F, 3), curvature (F, 3), the energy's derivative with
+    respect to the corners (F, 3, 3), and the moments times the area, a vector each (F, 3, 3).
 
     Args:
-        stress_before, curvature_before: (F, 3) elastic ones at the substep's start, which damping counts from.
-        first, vertex, weight: (F + 1,), (n,), (n, 3) the curvature of face f: the sum of weight[j] x[vertex[j]] over j from first[f] on.
-        rest: (F, 3) curvature at rest; curved: 0 where it is zero everywhere.
+        stress_before, curvature_before: (F, 3) elastic values at the substep's start, relative to which damping is computed.
+        first, vertex, weight: (F + 1,), (n,), (n, 3); the curvature of face f is the sum of weight[j] x[vertex[j]] over j from first[f]
+            to first[f + 1].
+        rest: (F, 3) curvature at rest; curved: 0 if it is zero everywhere.
     """
     for face in range(faces.shape[0]):
         Y, nu, lag, N = sheet[STIFFNESS], sheet[RATIO], sheet[LAG], buckling[face]
@@ -151,7 +153,7 @@ def forces_of_vertices(
 
     Args:
         first, corner: (V + 1,), (3 F,) the corners at each vertex, as 3 face + corner.
-        first_bent, face, weight: (V + 1,), (n,), (n, 3) the faces whose curvature each vertex has a part in.
+        first_bent, face, weight: (V + 1,), (n,), (n, 3) the faces whose curvature depends on each vertex, and with what weight.
     """
     for v in range(x.shape[0]):
         for i in ti.static(range(3)):
@@ -170,7 +172,7 @@ def forces_of_vertices(
 def tangents(
     area: numbers, buckling: numbers, sheet: numbers, convex: ti.i32, F: matrices, stress: rows, tangent_out: rows, tension_out: rows
 ):  # fmt: skip
-    """dS/dE (F, 6) and the stress (F, 3), both times the area [N m]; without its compressive part if `convex`."""
+    """dS/dE (F, 6) and the stress (F, 3), both times the area [N m]; if `convex`, the stress without its compressive part."""
     for face in range(area.shape[0]):
         Y, nu, lag = sheet[STIFFNESS], sheet[RATIO], sheet[LAG]
         E0, E1, E2 = strain(face, F)

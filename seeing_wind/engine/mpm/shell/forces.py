@@ -1,4 +1,4 @@
-"""The forces of a sheet on its vertices, from all its faces at once (`face_kernels`)."""
+"""The forces of a sheet's faces on its vertices (`face_kernels`)."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .membrane import Membrane
 
 @dataclass(frozen=True)
 class Faces:
-    """What the faces are like at some place of the vertices."""
+    """The state of the faces for given positions of the vertices."""
 
     F: np.ndarray
     """(F, 3, 2) deformation."""
@@ -23,13 +23,14 @@ class Faces:
     curvature: np.ndarray
     """(F, 3) k11, k22, 2 k12 along the normals [1/m]."""
     gradient: np.ndarray
-    """(F, 3, 3) derivative of the membrane's energy, and of how a bent shape at rest turns with a face, by the corners [N]."""
+    """(F, 3, 3) derivative with respect to the corners of the membrane's energy, and of the bending energy through the turning of the rest
+    curvature with the face [N]."""
     moment: np.ndarray
     """(F, 3, 3) moments times the area, a vector for each of the three curvatures [N m²]."""
 
 
 class Forces:
-    """The faces of one sheet. Nothing in it changes but where results are put."""
+    """The forces of one sheet's faces: its constants, as the kernels read them."""
 
     def __init__(self, m: Membrane, b: Bending, vertices: int) -> None:
         count = len(m.faces)
@@ -58,7 +59,7 @@ class Forces:
     def faces(self, x: np.ndarray, lag: float = 0.0, before: Faces | None = None) -> Faces:
         """The faces with vertices at x (V, 3) [m].
 
-        lag: retardation time over the substep; before: without damping, at the substep's start, which damping counts from.
+        lag: retardation time over the substep; before: the undamped faces at the substep's start, relative to which damping is computed.
         """
         count = self._count
         found = Faces(*(np.empty((count, *shape)) for shape in ((3, 2), (3,), (3,), (3, 3), (3, 3))))
@@ -80,10 +81,10 @@ class Forces:
         return force
 
     def tangents(self, F: np.ndarray, stress: np.ndarray, lag: float, convex: bool = True) -> tuple[np.ndarray, np.ndarray]:
-        """dS/dE (F, 6) at deformation F (F, 3, 2), by rows of its upper half, and the stress (F, 3), both times the area [N m].
+        """dS/dE (F, 6) at deformation F (F, 3, 2), the upper half row by row, and the stress (F, 3), both times the area [N m].
 
-        lag: retardation time over the substep. convex: leave out what compression takes away, which makes the matrix positive
-        semidefinite; False: the true one.
+        lag: retardation time over the substep. convex: leave out the compressive part of the stress, which makes the matrix positive
+        semidefinite; False keeps it, for the true derivative.
         """
         tangent, tension = np.empty((self._count, 6)), np.empty((self._count, 3))
         self._sheet[face_kernels.LAG] = lag

@@ -1,14 +1,14 @@
-"""Stretching: the strain of flat triangles, and a stress that a triangle carries only as long as it would not buckle.
+"""Stretching: the strain of flat triangles, and a stress that is limited in compression, because triangles buckle.
 
 Strain is Green's, E = (F^T F - 1) / 2, stress St. Venant and Kirchhoff's in plane stress:
 S = Y / (1 - nu²) ((1 - nu) E + nu tr(E) 1) [N/m], with the tensile stiffness Y = Young's modulus times thickness.
 
-Compression is different: real cloth buckles into folds finer than any mesh, and a mesh of stiff triangles locks, for on a curved
-surface its edges are chords, shorter than the cloth between their ends, which only matters if shortening costs something. So the
-principal stresses do not go below -N, the load under which a plate of the size of the triangle buckles, N = pi² D / l². This is tension
-field theory (Pipkin 1986, IMA J. Appl. Math. 36, 85; Steigmann 1990, Proc. R. Soc. A 429, 141) about a small prestress; the energy is
-convex in the strain, and with finer meshes N grows without bound, until buckling is the mesh's own business. What shortens by more than
-`SLACK` is resisted again: there the folds are large enough for the mesh to make.
+Compression is different: real cloth buckles into folds finer than any mesh, and a mesh of stiff triangles locks, because on a curved
+surface its edges are chords, shorter than the cloth between their ends, and shortening would cost energy. So the principal stresses do
+not go below -N, with N = pi² D / l² the load under which a plate of the triangle's size buckles. This is tension field theory (Pipkin
+1986, IMA J. Appl. Math. 36, 85; Steigmann 1990, Proc. R. Soc. A 429, 141) about a small prestress; the energy is convex in the strain, and
+N grows without bound as the mesh is refined, so that in the end buckling is left to the mesh itself. A compressive strain beyond `SLACK`
+is resisted again: such folds are large enough for the mesh to resolve.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ import numpy as np
 from .surface import Surface
 
 SLACK = 0.02
-"""Strain of compression up to which a triangle only carries its buckling load: half a circle of eight edges shortens each by 1 %."""
+"""Compressive strain up to which a triangle only carries its buckling load: half a circle of eight edges shortens each by 1 %."""
 FIRM = 0.1
-"""Stiffness against what is compressed beyond, over the tensile stiffness."""
+"""Stiffness against compressive strain beyond `SLACK`, over the tensile stiffness."""
 
 
 @dataclass(frozen=True)
@@ -39,11 +39,11 @@ class Membrane:
     """Y [N/m]."""
     poisson_ratio: float
     buckling: np.ndarray
-    """(F,) load N that it carries in compression [N/m]."""
+    """(F,) load N that a triangle carries in compression [N/m]."""
 
 
 def membrane(surface: Surface, tensile_stiffness: float, poisson_ratio: float, bending_stiffness: float) -> Membrane:
-    """The membrane of a surface at rest; tensile_stiffness [N/m], bending_stiffness D of the plate [N m]."""
+    """The membrane of a surface at rest; tensile_stiffness [N/m]; bending_stiffness: D of the plate [N m]."""
     x, faces = surface.x, surface.faces
     b, c = x[faces[:, 1]] - x[faces[:, 0]], x[faces[:, 2]] - x[faces[:, 0]]
     t, s = plane_axes(b, c)
@@ -66,7 +66,7 @@ def _in_plane(d: np.ndarray, t: np.ndarray, s: np.ndarray) -> np.ndarray:
 
 
 def deformation(m: Membrane, x: np.ndarray) -> np.ndarray:
-    """F (F, 3, 2) of vertices x (V, 3) [m]: where the triangle's own two axes have gone."""
+    """Deformation F (F, 3, 2) with vertices at x (V, 3) [m]: the images of the triangle's two axes at rest."""
     return np.einsum("fic,fia->fca", x[m.faces], m.slope)
 
 
@@ -77,7 +77,7 @@ def strain(F: np.ndarray) -> np.ndarray:
 
 
 def energy(m: Membrane, E: np.ndarray) -> np.ndarray:
-    """(F,) energy [J] of each triangle with the strain E (F, 3), zero at rest. Its derivatives are in `face_kernels`."""
+    """Energy (F,) [J] of each triangle with strain E (F, 3), zero at rest. `face_kernels` has its derivatives."""
     Y, nu, N = m.stiffness, m.poisson_ratio, m.buckling
     shift = N * (1.0 - nu) / Y
     mean, radius = 0.5 * (E[:, 0] + E[:, 1]), np.hypot(0.5 * (E[:, 0] - E[:, 1]), 0.5 * E[:, 2])

@@ -1,4 +1,4 @@
-"""What stays the same while a shell moves, and what changes."""
+"""A shell (what stays the same while it moves), and its state (what changes)."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ class Shell:
     surface: Surface
     sheet: Sheet
     mass: np.ndarray
-    """(V,) a third of that of the faces around each vertex [kg]."""
+    """(V,) a third of the mass of the faces around each vertex [kg]."""
     membrane: Membrane
     bending: Bending
     pinned: np.ndarray
-    """(V,) bool: their motion is given."""
+    """(V,) bool: whether a vertex's motion is given."""
     spring: np.ndarray
-    """(V,) squared angular frequency of the spring that draws a vertex to its place at rest [1/s²]; 0 for none."""
+    """(V,) squared angular frequency of the spring that pulls a vertex towards its place at rest [1/s²]; 0 for none."""
     forces: Forces
     system: System
 
 
 @dataclass(frozen=True)
 class State:
-    """A shell at one time and one substep before: what the second-order rule in time goes on from."""
+    """A shell at one time and one substep before, which the second-order rule in time needs."""
 
     x: np.ndarray
     """(V, 3) [m]."""
@@ -53,10 +53,10 @@ def shell_of(
 
     Args:
         vertices: (V, 3) [m]; faces: (F, 3).
-        pinned: (V,) bool; None holds nothing. spring: as of `Shell`.
+        pinned: (V,) bool; None for no pinned vertices. spring: (V,) as in `Shell`; None for none.
 
     Raises:
-        UsageError: for a mesh that is no sheet, see `surface_of`.
+        UsageError: for a mesh that cannot be a sheet, see `surface_of`.
     """
     surface = surface_of(vertices, faces)
     mass = np.bincount(surface.faces.ravel(), np.repeat(surface.area, 3) / 3.0) * sheet.areal_density
@@ -70,12 +70,13 @@ def shell_of(
 
 
 def with_past(x: np.ndarray, v: np.ndarray, acceleration: np.ndarray, dt: float) -> State:
-    """The state at x, moving at v under a constant acceleration (V, 3 each) since a substep dt [s] ago."""
+    """The state at x [m] moving at v [m/s] if `acceleration` [m/s²], all (V, 3), was constant during the last substep dt [s]."""
     return State(x, v, x - dt * v + 0.5 * dt**2 * acceleration, v - dt * acceleration)
 
 
 def at_rest(shell: Shell, velocity: np.ndarray | None = None, acceleration: np.ndarray | None = None, *, dt: float = 0.0) -> State:
-    """The shell at its place, moving at velocity (V, 3) [m/s] under a constant acceleration (V, 3) [m/s²] since a substep dt [s] ago."""
+    """The state of the shell in its shape at rest, moving at velocity (V, 3) [m/s] if `acceleration` (V, 3) [m/s²] was constant during the
+    last substep dt [s]. Pinned vertices do not move; None is zero."""
     x = shell.surface.x
     v = np.zeros_like(x) if velocity is None else np.where(shell.pinned[:, None], 0.0, velocity)
     a = np.zeros_like(x) if acceleration is None else np.where(shell.pinned[:, None], 0.0, acceleration)

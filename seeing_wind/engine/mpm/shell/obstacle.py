@@ -1,4 +1,4 @@
-"""Planes, rooms and closed meshes as a shell's vertices meet them. Meshes may move."""
+"""Colliders (planes, rooms and closed meshes) as obstacles for a shell's vertices. Meshes may move."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from ..lattice.mesh_collider import MeshCollider
 from ..lattice.signed_distance import closest_on
 
 Planes = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
-"""Vertices (C,), unit normals (C, 3), levels (C,) of n.x below which they may not come [m], friction (C,), whether they may not
-leave (C,), and velocities (C, 3) of the planes [m/s]."""
+"""Vertices (C,), unit normals (C, 3), the least n.x (C,) that each vertex may have [m], friction (C,), whether a vertex may not leave the
+plane once it touches it (C,), and velocities (C, 3) of the planes [m/s]."""
 
 
 @dataclass(frozen=True)
 class Wall:
-    """A plane, before every vertex."""
+    """A plane that every vertex may meet."""
 
     normal: np.ndarray
     """(3,) unit."""
@@ -29,7 +29,7 @@ class Wall:
     bound: bool
 
     def planes(self, x: np.ndarray, ahead: np.ndarray) -> Planes:
-        """Planes that stand for it before vertices at x (V, 3) about to be at `ahead` (V, 3) [m]."""
+        """The plane, for those of the vertices at x (V, 3), about to be at `ahead` (V, 3) [m], that come near it."""
         low = np.minimum(x @ self.normal, ahead @ self.normal) < self.level + 0.5 * np.abs(ahead - x).max() + 0.01
         vertex = np.flatnonzero(low)
         count = len(vertex)
@@ -39,22 +39,22 @@ class Wall:
         )  # fmt: skip
 
     def at(self, time: float, frame_dt: float) -> Wall:
-        """It stands still."""
+        """Itself: a wall does not move."""
         return self
 
 
 @dataclass(frozen=True)
 class Block:
-    """A closed mesh, before the vertices that come near its box."""
+    """A closed mesh, for the vertices that come near its bounding box."""
 
     mesh: MeshCollider
     reach: float
-    """m around the mesh within which vertices look for it: an edge's length."""
+    """Distance [m] from the mesh within which vertices are checked against it: an edge's length."""
     friction: float
     bound: bool
 
     def planes(self, x: np.ndarray, ahead: np.ndarray) -> Planes:
-        """As of `Wall`. A vertex inside is led out the shortest way."""
+        """The tangent planes of the mesh, as in `Wall.planes`. A vertex inside is pushed out along the shortest way."""
         low, high = self.mesh.vertices.min(axis=0), self.mesh.vertices.max(axis=0)
         margin = self.reach + np.abs(ahead - x).max()
         vertex = np.flatnonzero(((ahead > low - margin) & (ahead < high + margin)).all(axis=1))
@@ -72,7 +72,7 @@ class Block:
         return vertex, normal, (normal * place).sum(axis=1), np.full(count, self.friction), np.full(count, self.bound), velocity
 
     def at(self, time: float, frame_dt: float) -> Block:
-        """It at a time [frames], a frame being `frame_dt` [s] long."""
+        """The mesh at a time [frames]; a frame lasts `frame_dt` [s]."""
         return self if self.mesh.path is None else replace(self, mesh=self.mesh.posed(time, frame_dt))
 
 
@@ -80,7 +80,7 @@ Obstacle = Wall | Block
 
 
 def obstacles_of(colliders: Sequence[Collider], reach: float) -> tuple[Obstacle, ...]:
-    """The colliders of the solid solver for a shell with edges about `reach` [m] long."""
+    """The solid solver's colliders, as obstacles for a shell with edges about `reach` [m] long."""
     found: list[Obstacle] = []
     for collider in colliders:
         friction = np.inf if collider.kind == "sticky" else collider.friction

@@ -1,4 +1,4 @@
-"""A frame of a shell's motion: as many substeps as it takes."""
+"""A frame of a shell's motion, in substeps."""
 
 from __future__ import annotations
 
@@ -13,14 +13,15 @@ from .obstacle import Obstacle
 from .substep import Load, advance
 
 LONGEST = 0.006
-"""s of a substep at most: a second-order rule that long still swings what a clip shows, and a sheet in free fall goes its own thickness."""
+"""Longest substep [s]: with it the second-order rule still resolves the oscillations that a clip shows, and from rest a sheet falls no
+farther than about its own thickness."""
 
 HALVINGS = 3
-"""How often a substep without a solution is halved."""
+"""How often a substep without a solution is halved, at most."""
 
 
 def substeps_for(fps: float, coarseness: float = 1.0) -> int:
-    """Substeps a frame, each at most `LONGEST` times the coarseness."""
+    """Substeps per frame, each of at most `LONGEST` times the coarseness."""
     return max(2, math.ceil(1.0 / (fps * LONGEST * coarseness)))
 
 
@@ -31,9 +32,9 @@ def advance_frame(
     """The state a frame later.
 
     Args:
-        state: at the frame's start, with a past of the same substep.
+        state: at the frame's start; its earlier time must be one substep before.
         pin_path: (T+1, P, 3) where the pinned vertices are at every frame [m]; None leaves them where they are.
-        gravity, load, obstacles: as of `advance`.
+        gravity, load, obstacles: as in `advance`.
 
     Raises:
         SimulationError: see `advance`; it names the frame and the substep.
@@ -56,9 +57,9 @@ def _advance_in_halves(
     shell: Shell, state: State, dt: float, pins: np.ndarray | None, around: dict[str, Any], obstacles: tuple[Obstacle, ...],
     until: tuple[float, float], more: int,
 ) -> State:  # fmt: skip
-    """The state a substep later, in two halves where one finds no solution, and these in halves again if needed.
+    """The state a substep later; a substep without a solution is halved, up to `more` times over.
 
-    `until`: the time at its end [frames], and how long a frame is [s].
+    around: further arguments of `advance`; until: the time at the substep's end [frames], and the length of a frame [s].
     """
     try:
         return advance(shell, state, dt=dt, pins=pins, obstacles=tuple(one.at(*until) for one in obstacles), **around)[0]

@@ -1,12 +1,12 @@
 """The slope of a surface across each edge of its mesh, from the vertices around.
 
-The derivative along the normal of an edge, at its middle, is a weighted sum over vertices. Two flat triangles have two slopes there; their
-mean is right on regular meshes, but on others it is wrong by a part that refinement does not take away, and bending energies from it do
-not converge (Grinspun, Gingold, Reisman and Zorin 2006, Computer Graphics Forum 25, 547). So the weights of the mean are changed as
-little as is needed for every quadratic function to come out exactly. The vertices around are those of the two faces and of the faces next
-to them, unfolded into the plane; at a border and where these do not settle it, of more.
+The slope is the derivative along the normal of an edge, at the edge's midpoint: a weighted sum over vertices. The two flat triangles at an
+edge have different slopes there. Their mean is right on regular meshes, but on others it has an error that refinement does not reduce, and
+bending energies computed from it do not converge (Grinspun, Gingold, Reisman and Zorin 2006, Computer Graphics Forum 25, 547). So the
+weights of the mean are changed as little as is needed to make every quadratic function exact. The vertices used are those of the two faces
+and of the faces next to them, unfolded into the plane; at a border, and where these are not enough, further rings of faces are added.
 
-A face that is held by all its corners is a clamp, and the slope at its edges is its own: else the sheet would begin to bend inside.
+A face with all its corners pinned is a clamp, and the slope at its edges is its own: otherwise the sheet would begin to bend inside it.
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ from scipy.sparse import csr_array
 from .surface import NONE, Surface
 
 ENOUGH = 1e-3
-"""Singular values below this part of the largest are not used: a patch that is nearly a conic says nothing of some curvature."""
+"""Singular values below this fraction of the largest are not used: vertices that nearly lie on a conic do not determine every curvature."""
 EXACT = 1e-6
-"""Error with which quadratic functions must come out, else more vertices are asked,"""
+"""Largest error allowed in the slope of quadratic functions; where it is larger, more vertices are used."""
 FARTHEST = 4
-"""rings of faces at most."""
+"""Rings of faces, at most, that are added around an edge."""
 
 
 def edge_slopes(surface: Surface, clamp: np.ndarray) -> csr_array:
-    """(edges, V): slope at the middle of each edge, out of the first face that has it, of a function at vertices [1/m].
+    """Matrix (edges, V) [1/m] that takes a function at the vertices to its slope at each edge's midpoint, out of the edge's first face.
 
-    clamp (F,) bool: faces that are held.
+    clamp (F,) bool: faces with all corners pinned.
     """
     _, first = np.unique(surface.edge.ravel(), return_index=True)
     face, k = first // 3, first % 3
@@ -60,13 +60,13 @@ def edge_slopes(surface: Surface, clamp: np.ndarray) -> csr_array:
 
 
 def _whole(surface: Surface, face: np.ndarray, k: np.ndarray) -> np.ndarray:
-    """(E,) bool: edges with two faces, each of which has all its neighbours."""
+    """(E,) bool: whether an edge has two faces and each of them has all three neighbours."""
     complete = (surface.neighbour != NONE).all(axis=1)
     return complete[face] & complete[surface.neighbour[face, k]]
 
 
 def _patches(surface: Surface, face: np.ndarray, k: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices (E, 8) around inner edges: its ends, the two across it, and those across the other edges; their places (E, 8, 2) [m]."""
+    """Vertices (E, 8) around inner edges (ends, opposite corners, those across the faces' other edges), and their places (E, 8, 2) [m]."""
     other, corner = _other_half(surface, face, k)
     far = surface.opposite[face, k]
     p, q, c = (surface.faces[face, (k + shift) % 3] for shift in (1, 2, 0))
@@ -81,13 +81,13 @@ def _patches(surface: Surface, face: np.ndarray, k: np.ndarray) -> tuple[np.ndar
 
 
 def _other_half(surface: Surface, face: np.ndarray, k: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The faces across inner edges k of faces, and which edge of theirs it is."""
+    """The faces across inner edges k of `face`, and the number of the shared edge within them, both (E,)."""
     other = surface.neighbour[face, k]
     return other, np.argmax(surface.faces[other] == surface.opposite[face, k][:, None], axis=1)
 
 
 def _one_face(surface: Surface, face: np.ndarray, k: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The ends (E, 3) of edges k of faces and the corners across, and their places (E, 3, 2) [m]."""
+    """The two ends of edge k of each face and the corner opposite (E, 3), and their places in the plane (E, 3, 2) [m]."""
     nodes = np.stack([surface.faces[face, (k + shift) % 3] for shift in (1, 2, 0)], axis=1)
     p, q, c = (surface.x[nodes[:, i]] for i in range(3))
     at = np.zeros((*nodes.shape, 2))
@@ -99,7 +99,7 @@ def _one_face(surface: Surface, face: np.ndarray, k: np.ndarray) -> tuple[np.nda
 
 
 def _beyond(p: np.ndarray, q: np.ndarray, third: np.ndarray, to_p: np.ndarray | np.floating, to_q: np.ndarray | np.floating) -> np.ndarray:
-    """The place (..., 2) at distances to_p and to_q from p and q, on the other side of pq than `third`."""
+    """The place (..., 2) at distances to_p and to_q from p and q, on the side of pq away from `third`."""
     span = np.linalg.norm(q - p, axis=-1)
     t = (q - p) / span[..., None]
     along = 0.5 * (to_p**2 - to_q**2 + span**2) / span
@@ -110,9 +110,10 @@ def _beyond(p: np.ndarray, q: np.ndarray, third: np.ndarray, to_p: np.ndarray | 
 
 
 def _mean_slope(at: np.ndarray) -> np.ndarray:
-    """Weights (E, n) [1/m] of the slope across the edge from nodes 0 to 1, the mean of those of the triangles with nodes 2 and 3.
+    """Weights (E, n) [1/m] of the slope across the edge from node 0 to node 1: the mean over the triangles with nodes 2 and 3.
 
-    Each counts by the other's height, which is exact along a line of uneven steps. Without a node 3 (n = 3) it is the one triangle's.
+    Each triangle's slope is weighted by the other's height, which is exact along a line of unequal intervals. Without a node 3 (n = 3) it
+    is the slope of the one triangle.
     """
     span = at[:, 1, 0] - at[:, 0, 0]
     weights = np.zeros(at.shape[:2])
@@ -128,7 +129,7 @@ def _mean_slope(at: np.ndarray) -> np.ndarray:
 
 
 def _weights(at: np.ndarray, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The weights (E, n) nearest to `start` under which quadratic functions have their slope, and whether they all do (E,)."""
+    """The weights (E, n) [1/m] nearest to `start` that give quadratic functions their exact slope, and whether they do so (E,) bool."""
     size = (at[:, 1, 0] - at[:, 0, 0])[:, None]
     u, v = at[..., 0] / size, at[..., 1] / size
     functions = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=-1)  # (E, n, 6)
@@ -142,7 +143,7 @@ def _weights(at: np.ndarray, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 
 
 def _by_rings(surface: Surface, face: int, k: int) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices (n,) and weights (n,) for an edge at a border or in a crooked place: ring after ring of faces, until they settle it."""
+    """Vertices (n,) and weights (n,) [1/m] for an edge at a border or in an irregular place; rings of faces are added until exact."""
     p, q, c = (int(surface.faces[face, (k + shift) % 3]) for shift in (1, 2, 0))
     distance = lambda a, b: np.linalg.norm(surface.x[a] - surface.x[b])  # noqa: E731
     half = 0.5 * distance(p, q)
@@ -150,7 +151,7 @@ def _by_rings(surface: Surface, face: int, k: int) -> tuple[np.ndarray, np.ndarr
     place[c] = _beyond(place[p], place[q], np.array([0.0, 1.0]), distance(p, c), distance(q, c))
     seen, ring = {face}, [(face, [place[int(one)] for one in surface.faces[face]])]
     other = int(surface.neighbour[face, k])
-    if other != NONE:  # its own vertex must come third
+    if other != NONE:  # the other face's own vertex must be node 3
         ring.append(_unfold(surface, ring[0], k, place, distance))
         seen.add(other)
     paired = other != NONE
@@ -172,7 +173,7 @@ def _by_rings(surface: Surface, face: int, k: int) -> tuple[np.ndarray, np.ndarr
 
 
 def _unfold(surface: Surface, parent, side: int, place: dict, distance):
-    """The face across an edge of a face that lies in the plane, laid into the plane; a new vertex gets its place."""
+    """The face across an edge of `parent`, a face already in the plane, unfolded into the plane; a new vertex is added to `place`."""
     face, corners = parent
     new = int(surface.opposite[face, side])
     a, b = int(surface.faces[face, (side + 1) % 3]), int(surface.faces[face, (side + 2) % 3])

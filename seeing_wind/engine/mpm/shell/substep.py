@@ -1,12 +1,12 @@
 """One substep in time: the second-order backward difference, solved by Newton's method.
 
-With b = 2 dt / 3, the state of the two substeps before gives x* = (4 x - x_before) / 3 and v* likewise, and the new state satisfies
-x' = x* + b v', M (v' - v*) = b f(x', v') (BDF2: Gear 1971; for cloth Choi and Ko 2002, ACM Trans. Graph. 21, 604). It is stable at any
-dt, and damps slow motion little: a mode of circular frequency w loses about (w dt)^3 of its amplitude in a radian's time, where the
-implicit Euler rule loses w dt / 2.
+With b = 2 dt / 3, the last two states give x* = (4 x - x_before) / 3 and v* likewise, and the new state satisfies
+x' = x* + b v', M (v' - v*) = b f(x', v') (BDF2: Gear 1971; for cloth Choi and Ko 2002, ACM Trans. Graph. 21, 604). The rule is stable at
+any dt and damps slow motion little: per radian of oscillation, a mode of angular frequency w loses about (w dt)^3 of its amplitude, where
+the implicit Euler rule loses w dt / 2.
 
-Damping is Kelvin-Voigt's: stress and bending moment that follow from the change of the elastic ones over the substep, which no rotation
-of the sheet causes.
+Damping is of Kelvin-Voigt type: a stress and a bending moment in proportion to the change of the elastic ones over the substep. A rotation
+of the sheet does not cause any.
 """
 
 from __future__ import annotations
@@ -25,44 +25,45 @@ from .obstacle import Obstacle
 
 Load = Callable[[np.ndarray, np.ndarray, int], tuple[np.ndarray, np.ndarray | None]]
 """(x (V, 3) [m], v (V, 3) [m/s], frame) -> force on the vertices (V, 3) [N], and its damping (V, 3, 3) [N s/m], symmetric and positive
-semidefinite, or None: at another velocity the force is taken as force - damping (v' - v). `wind.vertex_drag` is of this form. A substep
-asks for it where its two velocities before lead, so that drag is of second order in dt like all else (Ascher, Ruuth and Wetton 1995,
-SIAM J. Numer. Anal. 32, 797)."""
+semidefinite, or None: at another velocity v' the force is taken as force - damping (v' - v). `wind.vertex_drag` has this form. A substep
+evaluates it at the velocity extrapolated from the last two, so that drag is of second order in dt like everything else (Ascher, Ruuth and
+Wetton 1995, SIAM J. Numer. Anal. 32, 797)."""
 
 EXACT = 0.03
-"""A Newton iteration that moves no vertex by more than this part of how far gravity moves one in a substep is the last: what is left
-of the equations is a force of less than that part of the weight."""
+"""Newton's method ends with the iteration that moves no vertex by more than this fraction of the distance that gravity moves it in a
+substep: the residual force is then less than the same fraction of the weight."""
 LOOSE = 0.2
-"""Precision to which the linear equations are solved, before the last step of conjugate gradients."""
+"""Relative tolerance of the linear solve, before the last step of conjugate gradients."""
 STALE = 4
-"""Iterations of conjugate gradients beyond which the next iteration of Newton's makes new factors,"""
+"""Iterations of conjugate gradients beyond which the next Newton iteration computes new factors."""
 PATIENCE = 6
-"""and beyond which they are given up for new factors on the spot."""
+"""Iterations of conjugate gradients after which old factors are replaced at once."""
 FAR = 3.0
-"""Newton's steps beyond this many times how far gravity moves a vertex in a substep need new factors for the next one."""
+"""After a Newton iteration that moves a vertex farther than this many times the distance that gravity does in a substep, the next one
+computes new factors."""
 MOST = 40
-"""Newton iterations of a substep."""
+"""Newton iterations in a substep, at most."""
 STRAY = 0.05
-"""Part of the median edge by which the last iteration may still move a vertex; beyond, there is no solution to go on from."""
+"""Fraction of the median edge by which the last iteration may still move a vertex; if it moves one farther, the substep has no solution."""
 SEARCH = 12
-"""Places looked at along the way of a Newton iteration."""
+"""Trials of the line search in a Newton iteration, at most."""
 TOO_WILD = "The sheet moves too wildly to be followed"
 CALMER = (
     "Check that its weight and stiffness are those of a sheet; else lower the field's strength or the sheet's speed, let it settle first "
     "(Pre-roll), or use a mesh with more even faces."
 )
 SLACK = 0.6
-"""The force along an iteration's way may be this part of the former one at its end."""
+"""The line search accepts a place where the force along its direction is at most this fraction of that at its start."""
 
 
 @dataclass(frozen=True)
 class Effort:
-    """What a substep took."""
+    """The iterations that a substep took."""
 
     iterations: int
-    """Newton's."""
+    """Newton iterations."""
     inner: int
-    """Conjugate gradients' in all."""
+    """Iterations of conjugate gradients, in total."""
 
 
 @dataclass(frozen=True)
@@ -72,11 +73,11 @@ class _Equations:
     shell: Shell
     dt: float
     goal: np.ndarray
-    """(V, 3) where the mass would go by itself: x* + b v* + b² gravity [m]."""
+    """(V, 3) where the vertices would go by inertia and gravity alone: x* + b v* + b² gravity [m]."""
     push: np.ndarray
     """(V, 3) load at v = 0 [N]."""
     drag: np.ndarray | None
-    """(V, 3, 3) [N s/m]."""
+    """(V, 3, 3) damping of the load [N s/m]; None for none."""
     coast: np.ndarray
     """(V, 3) x* of each vertex [m]: v' = (x' - x*) / b."""
     lag: float
@@ -104,8 +105,11 @@ class _Equations:
         return r, faces
 
     def match_momentum(self, x: np.ndarray, r: np.ndarray) -> np.ndarray:
-        """The place x (V, 3) of a sheet that nothing touches, moved as a whole so that its momentum is exact: `force` r (V, 3) there sums
-        to nothing then. What Newton's method leaves of the equations would else push a stiff sheet by up to `EXACT` of its weight."""
+        """The positions x (V, 3), shifted as a whole so that the momentum is exact; r (V, 3) is `force` at x, and its sum then vanishes.
+
+        Otherwise the residual of Newton's method would push a stiff sheet by up to `EXACT` of its weight. A sheet with pins, springs or
+        contact is left as it is.
+        """
         s = self.shell
         if s.pinned.any() or s.spring.any() or len(self.contact.vertex):
             return x
@@ -115,7 +119,10 @@ class _Equations:
         return x - np.linalg.solve(whole, r.sum(axis=0))
 
     def matrix(self, x: np.ndarray, faces: Faces, stress: np.ndarray | None = None, convex: bool = True) -> Matrix:
-        """Derivative of `force`; without what would make it indefinite if `convex`. stress: (F, 3) the faces' own if not given [N/m]."""
+        """Derivative of `force`; if `convex`, without the terms that could make it indefinite.
+
+        stress: (F, 3) [N/m]; None takes that of `faces`.
+        """
         s = self.shell
         diagonal = self.contact.matrix(x)
         diagonal += (s.mass * (1.0 / self.b**2 + s.spring))[:, None, None] * np.eye(3)
@@ -132,10 +139,10 @@ def advance(
     """The state a substep later.
 
     Args:
-        dt: the substep [s], the same as that between the state's two times; gravity: (3,) [m/s²].
-        load: forces besides; frame: told to it.
+        dt: the substep [s], which must also be the time between the two times of `state`; gravity: (3,) [m/s²].
+        load: further forces; frame: passed on to it.
         pins: (P, 3) where the pinned vertices are at the end [m]; None leaves them where they are.
-        obstacles: what the vertices run into.
+        obstacles: what the vertices may run into.
 
     Raises:
         SimulationError: when Newton's method finds no solution, or a number is not finite.
@@ -145,7 +152,7 @@ def advance(
     x[shell.pinned] = state.x[shell.pinned] if pins is None else pins
     x, effort = _newton(equations, x)
     v = (x - equations.coast) / equations.b
-    # A blow leaves no smooth past behind: along the normal of what they touch, vertices go on from their new velocity alone.
+    # After an impact the past is not smooth: along the normal of the contact, vertices go on from their new velocity alone.
     normal = contact_normals(contact, x)
     blow = ((v - state.v) * normal).sum(axis=1, keepdims=True) * normal
     return State(x, v, np.where(normal.any(axis=1)[:, None], x - dt * v + 0.5 * dt * (v - state.v - blow), state.x), state.v + blow), effort
@@ -154,7 +161,7 @@ def advance(
 def equations_of(
     shell: Shell, state: State, dt: float, gravity: np.ndarray, frame: int, load: Load | None, obstacles: tuple[Obstacle, ...]
 ) -> tuple[_Equations, Contact]:
-    """What Newton's method solves for the positions at the end of a substep of dt [s] in frame `frame`, and what the shell then touches."""
+    """The equations for the positions at the end of a substep of dt [s] in frame `frame`, and their contact."""
     b = 2.0 * dt / 3.0
     coast, velocity = (4.0 * state.x - state.x_before) / 3.0, (4.0 * state.v - state.v_before) / 3.0
     ahead = 2.0 * state.v - state.v_before
@@ -168,10 +175,11 @@ def equations_of(
 
 
 def _newton(equations: _Equations, x: np.ndarray) -> tuple[np.ndarray, Effort]:
-    """Newton's method, each iteration as long as the force along it goes down. Factors serve on while its steps are small.
+    """Newton's method from x (V, 3), with a line search. Factors are reused while its steps are small.
 
-    At the place it starts from, straight on, a sheet that turns is stretched by far more than its load stretches it. This tension is
-    gone with the first step and would only make the sheet too stiff across it: that step takes the tension from the substep's start.
+    It starts where the vertices would go straight on; there a sheet that turns is stretched by far more than its load stretches it. This
+    tension is gone after the first iteration and would only make the sheet too stiff across it, so the first iteration uses the tension of
+    the substep's start.
     """
     edge, inner = equations.shell.surface.edge_length, 0
     fall = 9.81 * equations.b**2
@@ -199,25 +207,27 @@ def _newton(equations: _Equations, x: np.ndarray) -> tuple[np.ndarray, Effort]:
 
 
 def _way(matrix: Matrix, right: np.ndarray, old: Factors | None) -> tuple[np.ndarray, int, Factors]:
-    """The solution (V, 3) of matrix x = right, the iterations it took, and the factors it ended with: new ones if `old` are too old.
+    """The solution (V, 3) of matrix x = right, the iterations it took, and the factors it ended with: new ones where `old` do not suffice.
 
     Raises:
-        numpy.linalg.LinAlgError: when there is none.
+        numpy.linalg.LinAlgError: when there is no solution.
     """
     begun, tried = np.zeros_like(right), 0
     if old is not None:
         try:
-            return *matrix.solved(right, old, LOOSE, PATIENCE), old
+            return *matrix.solve(right, old, LOOSE, PATIENCE), old
         except Unfinished as reached:
             begun, tried = reached.x, PATIENCE
     factors = matrix.factors()
-    rest, count = matrix.solved(right - matrix.times(begun) if tried else right, factors, LOOSE)
+    rest, count = matrix.solve(right - matrix.times(begun) if tried else right, factors, LOOSE)
     return begun + rest, tried + count, factors
 
 
 def _along(equations: _Equations, x: np.ndarray, r: np.ndarray, way: np.ndarray) -> tuple[np.ndarray, np.ndarray, Faces, bool]:
-    """The place on the way from x where the force along it has nearly gone, with what `_Equations.force` gives there (line search), and
-    whether it is the way's end."""
+    """Line search from x along `way`, both (V, 3), for the place where the force along `way` nearly vanishes; r (V, 3) is `force` at x.
+
+    Returns the place, what `_Equations.force` gives there, and whether the place is the end of `way`.
+    """
     slope, low, high, length = float((way * r).sum()), 0.0, 1.0, 1.0
     at_low, at_high = slope, np.nan
     for _ in range(SEARCH):

@@ -1,4 +1,4 @@
-"""The triangle mesh of a shell: its edges, who is next to whom, and what is no sheet."""
+"""The triangle mesh of a shell: its edges, the neighbours of its faces, and which meshes are refused."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from ...errors import UsageError
 from ..lattice.closed_mesh import triangle_areas
 
 NONE = -1
-"""In place of a neighbour's number: there is none."""
+"""Stands for a missing neighbour."""
 THINNEST = 1e-7
-"""A face whose area is less than this part of its longest edge squared is a line."""
+"""A face whose area is at most this fraction of its longest edge squared counts as having no area."""
 
 
 @dataclass(frozen=True)
@@ -30,9 +30,9 @@ class Surface:
     area: np.ndarray
     """(F,) at rest [m²]."""
     edge: np.ndarray
-    """(F, 3) number of edge k: the two faces at an edge give it one number."""
+    """(F, 3) number of edge k in the mesh; the same for both faces at an edge."""
     edges: int
-    """How many there are."""
+    """Number of edges."""
 
     @property
     def edge_length(self) -> float:
@@ -42,14 +42,14 @@ class Surface:
 
 
 def surface_of(vertices: np.ndarray, faces: np.ndarray) -> Surface:
-    """The sheet that a mesh is.
+    """A mesh as the surface of a sheet.
 
     Args:
-        vertices: (V, 3) [m]; faces: (F, 3) int, wound in any way: faces of one piece are turned to look the same way.
+        vertices: (V, 3) [m]; faces: (F, 3) int with any winding: the faces of a connected part are turned to face the same way.
 
     Raises:
-        UsageError: no faces, a vertex that is not finite, a face without area, an edge of more than two faces, a vertex without a face, a
-            surface with one side only (a Moebius strip).
+        UsageError: no faces, a vertex that is not finite, a face without area, an edge with more than two faces, a vertex without a face,
+            a surface with only one side (a Moebius strip).
     """
     x, faces = np.asarray(vertices, dtype=np.float64), np.array(faces, dtype=np.int64)
     if faces.ndim != 2 or faces.shape[1:] != (3,) or not len(faces) or faces.min() < 0 or faces.max() >= len(x):
@@ -87,7 +87,7 @@ def _sides(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _pairs(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
-    """The two half edges (P, 2) that share each inner edge, as face * 3 + k, the number (F, 3) of every edge, and how many there are."""
+    """The two half edges (P, 2) of each inner edge, as face * 3 + k, the number (F, 3) of every edge, and how many edges there are."""
     start, end = _sides(faces)
     low, high = np.minimum(start, end).ravel(), np.maximum(start, end).ravel()
     key = low * (int(faces.max()) + 1) + high
@@ -105,12 +105,12 @@ def _pairs(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
 
 
 def _orient(faces: np.ndarray) -> np.ndarray:
-    """The faces, turned where needed so that each looks the way of its neighbours."""
+    """The faces (F, 3), reversed where needed so that each faces the same way as its neighbours."""
     pairs, _, _ = _pairs(faces)
     start = _sides(faces)[0].ravel()
     if not (start[pairs[:, 0]] == start[pairs[:, 1]]).any():
         return faces
-    same = start[pairs[:, 0]] == start[pairs[:, 1]]  # both faces pass the edge the same way: one of them is turned
+    same = start[pairs[:, 0]] == start[pairs[:, 1]]  # both faces run along the edge in the same direction: one must be reversed
     around: list[list[tuple[int, bool]]] = [[] for _ in faces]
     for (p, q), turn in zip((pairs // 3).tolist(), same.tolist()):
         around[p].append((q, turn))

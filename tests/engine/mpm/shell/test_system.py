@@ -29,10 +29,10 @@ def test_the_equations_are_solved_and_few_iterations_are_enough(make, inertia, p
     factors = matrix.factors()
     assert factors.precision == precision
     right = np.where(pinned[:, None], 0.0, rng.normal(size=x.shape))
-    found, count = matrix.solved(right, factors, 1e-9)
+    found, count = matrix.solve(right, factors, 1e-9)
     np.testing.assert_allclose(matrix.times(found), right, atol=1e-5 * np.abs(right).max())
     assert (found[pinned] == 0.0).all()
-    assert matrix.solved(right, factors, 0.1)[1] <= 8 and count < 80
+    assert matrix.solve(right, factors, 0.1)[1] <= 8 and count < 80
 
 
 def hanging(make):
@@ -47,8 +47,8 @@ def test_too_few_iterations_are_said(make):
     factors = matrix.factors()
     right = np.where(shell.pinned[:, None], 0.0, np.random.default_rng(9).normal(size=shell.surface.x.shape))
     with pytest.raises(Unfinished, match="after 2 iterations") as caught:
-        matrix.solved(right, factors, 1e-9, most=2)
-    rest, _ = matrix.solved(right - matrix.times(caught.value.x), factors, 1e-9)
+        matrix.solve(right, factors, 1e-9, most=2)
+    rest, _ = matrix.solve(right - matrix.times(caught.value.x), factors, 1e-9)
     np.testing.assert_allclose(matrix.times(caught.value.x + rest), right, atol=1e-6)
 
 

@@ -1,6 +1,6 @@
-"""Cholesky factors of a mesh's matrix, a 3 x 3 block per pair of vertices.
+"""Cholesky factors of a mesh's matrix, with a 3 x 3 block per pair of vertices.
 
-`dissection` gives the order, `fronts` what depends on the pattern only, and `front_kernels` does the arithmetic.
+`dissection` gives the order of elimination, `fronts` what depends on the pattern only, and `front_kernels` does the arithmetic.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ class BlockCholesky:
     """The order of elimination for one pattern; `factor` for each matrix of it.
 
     Args:
-        pattern: (V, V), symmetric with its diagonal; only where it has entries matters.
+        pattern: (V, V), symmetric, diagonal included; its values are not used.
         places: (V, 3) where the vertices lie, for halving them.
 
-    `pairs` (B, 2) tells which block stands for which vertices (row, column); the other half follows by symmetry.
+    `pairs` (B, 2) has the vertices (row, column) of each block; the other half of the matrix follows by symmetry.
     """
 
     def __init__(self, pattern: csr_array, places: np.ndarray) -> None:
@@ -40,13 +40,13 @@ class BlockCholesky:
         self.fronts = Fronts.of(np.array([len(group) for group in groups]), tree, *self._rank[self.pairs].T)
 
     def slots(self, row: np.ndarray, column: np.ndarray) -> np.ndarray:
-        """Numbers of the blocks of vertices (row, column), each later in the order than its column or the same."""
+        """Numbers of the blocks (row, column); no row may come before its column in the order of elimination."""
         size = len(self.order)
         key = self._rank[self.pairs[:, 1]] * size + self._rank[self.pairs[:, 0]]
         return np.searchsorted(key, self._rank[column] * size + self._rank[row])
 
     def later(self, row: np.ndarray, column: np.ndarray) -> np.ndarray:
-        """Whether the matrix keeps the block (row, column) rather than its transpose."""
+        """Whether the matrix stores the block (row, column) rather than its transpose."""
         return self._rank[row] >= self._rank[column]
 
     @cached_property
@@ -58,9 +58,9 @@ class BlockCholesky:
         return Factors(self, np.float64)
 
     def factor(self, blocks: np.ndarray) -> Factors:
-        """Factors of the positive definite matrix with the blocks (B, 3, 3) of `pairs`, in their precision, single or double.
+        """Factors of the positive definite matrix with the blocks (B, 3, 3) of `pairs`, in the blocks' precision, single or double.
 
-        They take the place of those made before in this precision.
+        They overwrite the factors made before in the same precision.
 
         Raises:
             numpy.linalg.LinAlgError: for a matrix that is not positive definite, or not finite.
@@ -84,7 +84,7 @@ class Factors:
         self._factor, self._forward, self._there_and_back, self._backward = (launcher(kernel, self.precision) for kernel in kernels)
 
     def make(self, blocks: np.ndarray) -> None:
-        """See `BlockCholesky.factor`."""
+        """Compute the factors; see `BlockCholesky.factor`."""
         if not np.isfinite(blocks).all():
             raise np.linalg.LinAlgError("the matrix is not finite")
         f, rows, rest = self._fronts, self._rows, self._remainder
@@ -100,7 +100,7 @@ class Factors:
             raise np.linalg.LinAlgError(f"the matrix is not positive definite at vertex {vertex}")
 
     def solve(self, right: np.ndarray) -> np.ndarray:
-        """(V, 3) of which the matrix makes `right` (V, 3), both float64."""
+        """The solution x (V, 3) of matrix x = right (V, 3), both float64."""
         f, result = self._fronts, np.empty_like(right)
         around = f.runs, f.table, f.children, f.places, self._order
         room = self._rows, self._own.reshape(-1), self._own, self._below.reshape(-1), self._below

@@ -1,13 +1,13 @@
 """Factors of the dense parts of a sparse matrix, compiled; `solve_kernels` solves with them.
 
-A front is a dense symmetric matrix: rows that are eliminated, and after them those of later vertices that these touch. Of both only
-the upper half counts. It is kept in tiles of 8 x 8 numbers, and every tile is 8 vectors of the processor, so that one is multiplied
-by another within registers. Rows without a number fill up the last tiles, with ones on the diagonal.
+A front is a dense symmetric matrix: first the rows that it eliminates, then those of the later vertices that these touch. Only the upper
+half is used. It is stored in tiles of 8 x 8 numbers, each of 8 vectors of the processor, so that two tiles are multiplied within
+registers. Padding rows, with ones on the diagonal, fill up the last tiles.
 
     rows       an eliminated front's rows U of U^T U, tile after tile, upper row of tiles first; on the diagonal the inverses of U's tiles
-    remainder  what is left for the front's parent, in tiles as well
+    remainder  the update matrix for the front's parent, in tiles as well
 
-Fronts are done in runs, one after the other, and the runs of a phase at the same time.
+The fronts of a run are done one after another, and the runs of a level at the same time.
 """
 # The compiler reads the annotations of kernels at run time: they are values, which mypy cannot check and `annotations` may not postpone.
 # mypy: ignore-errors
@@ -15,21 +15,21 @@ Fronts are done in runs, one after the other, and the runs of a phase at the sam
 from ...compiler import ti
 
 OWN, UPDATE = 0, 1
-"""In a front's row of the table: how many tiles wide what it eliminates is, and what comes after;"""
+"""Columns of the table, which has a row for each front: the width in tiles of the rows it eliminates, and of the later rows these touch."""
 COUNT, TOUCHED, FIRST = 2, 3, 4
-"""how many numbers it eliminates and touches later, and the first vertex in the order that it eliminates;"""
+"""How many rows the front eliminates, how many later ones it touches, and the first vertex, in the order, that it eliminates."""
 ROWS, REMAINDER = 5, 6
-"""the first vectors of its rows and of its remainder;"""
+"""The first vectors of its rows and of its remainder."""
 FIRST_BLOCK, LAST_BLOCK, FIRST_CHILD, LAST_CHILD = 7, 8, 9, 10
-"""its blocks of the matrix, and its places in the list of children;"""
+"""The ranges of its blocks of the matrix and of its entries in the list of children."""
 PLACES = 11
-"""where the list begins of the columns that its remainder's have in its parent, each as where it begins in a row of tiles;"""
+"""Where its list of places begins: for each column of its remainder, where the parent's column begins in a row of tiles."""
 VECTOR, BELOW = 12, 13
-"""in a solve, the first vectors of its own numbers, and of those of the later rows that it touches;"""
+"""In a solve, the first vectors of its own numbers, and of those of the later rows that it touches."""
 LENGTH = 14
-"""and how long the row is."""
+"""Number of columns of the table."""
 TILE = 8
-"""Rows of a tile."""
+"""Rows and columns of a tile."""
 
 integers = ti.types.ndarray(dtype=ti.i32, ndim=1)
 table = ti.types.ndarray(dtype=ti.i32, ndim=2)
@@ -40,13 +40,14 @@ blocks = ti.types.ndarray(ndim=3)
 
 @ti.func
 def at(row, column, across):
-    """Where a number of a matrix in tiles stands, `across` tiles a row."""
+    """Index of the entry (row, column) in a matrix stored in tiles, `across` tiles to a row."""
     return ((row // 8) * across + column // 8) * 64 + (row % 8) * 8 + column % 8
 
 
 @ti.func
 def less_products(first, second, step, count, t0, t1, t2, t3, t4, t5, t6, t7, number: ti.template(), vector: ti.template()):
-    """A tile minus the sum of products A^T B over `count` pairs of tiles, `step` vectors from one to the next."""
+    """The tile t0..t7 minus the sum of the products A^T B over `count` pairs of tiles, which begin at the vectors `first` and `second` and
+    follow each other at intervals of `step` vectors."""
     a, b = first, second
     for _ in range(count):
         for r in range(8):  # unrolled it is no faster, and takes more than twice as long to compile
@@ -66,7 +67,7 @@ def less_products(first, second, step, count, t0, t1, t2, t3, t4, t5, t6, t7, nu
 
 @ti.func
 def load_tile(first, vector: ti.template()):
-    """A tile."""
+    """The tile that begins at the vector `first`."""
     return (
         vector[first], vector[first + 1], vector[first + 2], vector[first + 3], vector[first + 4], vector[first + 5], vector[first + 6],
         vector[first + 7],
@@ -75,7 +76,7 @@ def load_tile(first, vector: ti.template()):
 
 @ti.func
 def store_tile(first, t0, t1, t2, t3, t4, t5, t6, t7, vector: ti.template()):
-    """Keeps a tile."""
+    """Store a tile from the vector `first` on."""
     vector[first] = t0
     vector[first + 1] = t1
     vector[first + 2] = t2
@@ -88,14 +89,14 @@ def store_tile(first, t0, t1, t2, t3, t4, t5, t6, t7, vector: ti.template()):
 
 @ti.func
 def clear(first, count, vector: ti.template()):
-    """Zero in `count` vectors."""
+    """Set `count` vectors to zero, from `first` on."""
     for i in range(first, first + count):
         vector[i] = ti.Vector.zero(float, 8)
 
 
 @ti.func
 def invert_tile(first, number: ti.template()):
-    """Puts the inverse of U in the place of a tile U^T U, of which the upper half counts; returns whether it is positive definite."""
+    """Replace a tile U^T U, of which only the upper half is used, by the inverse of U; returns whether the tile is positive definite."""
     fine = 1
     base = 8 * first
     for k in range(8):
@@ -103,19 +104,19 @@ def invert_tile(first, number: ti.template()):
         if not d > 0.0:
             fine = 0
         inverse = 1.0 / ti.sqrt(d)
-        number[base + 9 * k] = inverse  # of U's own
+        number[base + 9 * k] = inverse  # of U's diagonal entry
         for j in range(k + 1, 8):
             number[base + 8 * k + j] = number[base + 8 * k + j] * inverse
         for i in range(k + 1, 8):
             s = number[base + 8 * k + i]
             for j in range(i, 8):
                 number[base + 8 * i + j] = number[base + 8 * i + j] - s * number[base + 8 * k + j]
-    for i in range(8):  # the inverse V of U by its columns: V_ij = -V_jj sum over k of V_ik U_kj
+    for i in range(8):  # the inverse V of U, column by column: V_ij = -V_jj sum over k of V_ik U_kj
         for k in range(i):
             number[base + 8 * i + k] = 0.0
     for j in range(1, 8):
         v = number[base + 9 * j]
-        # the column of U, which those of V before it are multiplied by
+        # column j of U is replaced by column j of V, from the columns of V before it
         for i in range(j):
             total = ti.cast(0.0, float)
             for k in range(i, j):
@@ -126,7 +127,7 @@ def invert_tile(first, number: ti.template()):
 
 @ti.func
 def add_row(to, source, place, p, size, places: ti.template(), row: ti.template(), remainder: ti.template(), remainder_v: ti.template()):
-    """Adds row p of a child's remainder, from the diagonal on, to the row that begins at `to`."""
+    """Add row p of a child's remainder, from the diagonal on, to the row that begins at `to`."""
     whole = (p + 7) // 8
     for q in range(p, ti.min(8 * whole, size)):
         on = to + places[place + q]
@@ -143,7 +144,7 @@ def assemble(
     front, fronts: ti.template(), slots: ti.template(), block: ti.template(), children: ti.template(), places: ti.template(),
     row: ti.template(), remainder: ti.template(), rows_v: ti.template(), remainder_v: ti.template(),
 ):  # fmt: skip
-    """A front's sum: its blocks of the matrix, and what its children left."""
+    """Fill a front with its blocks of the matrix plus its children's remainders."""
     own, update = fronts[front, OWN], fronts[front, UPDATE]
     across, rows, rest = own + update, fronts[front, ROWS], fronts[front, REMAINDER]
     for i in range(own):
@@ -173,7 +174,7 @@ def assemble(
 
 @ti.func
 def eliminate(front, fronts: ti.template(), row: ti.template(), rows_v: ti.template(), remainder_v: ti.template()):
-    """Factors of a front's rows in place, and their products taken from the remainder; returns whether it is positive definite."""
+    """Factor a front's rows in place and subtract their products from the remainder; returns whether the front is positive definite."""
     own, update = fronts[front, OWN], fronts[front, UPDATE]
     across, rows, rest = own + update, fronts[front, ROWS], fronts[front, REMAINDER]
     step, fine = 8 * across, 1
@@ -207,7 +208,7 @@ def factor(
     begin: ti.i32, end: ti.i32, runs: table, fronts: table, slots: table, block: blocks, children: integers, places: integers,
     row: numbers, rows_v: vectors, remainder: numbers, remainder_v: vectors, failed: integers,
 ):  # fmt: skip
-    """Factors of the fronts of runs begin..end; `failed` keeps, for each front, whether it is not positive definite."""
+    """Factor the fronts of runs begin..end; `failed` gets 1 for each front that is not positive definite, else 0."""
     ti.loop_config(block_dim=1)
     for run in range(begin, end):
         for front in range(runs[run, 0], runs[run, 1]):

@@ -1,7 +1,7 @@
-"""The dense parts ("fronts") that a sparse matrix is eliminated in: what depends on its pattern only.
+"""The dense parts ("fronts") in which a sparse matrix is eliminated: what depends on its pattern only.
 
-Every group of the dissection is a small dense matrix whose remainder is added into its parent's (the multifrontal method: Liu 1992,
-SIAM Review 34, 82). `front_kernels` says how one is laid out.
+Every group of the dissection becomes a small dense matrix, whose remainder (update matrix) is added to its parent's front (the
+multifrontal method: Liu 1992, SIAM Review 34, 82). `front_kernels` describes the layout.
 """
 
 from __future__ import annotations
@@ -30,33 +30,33 @@ from .front_kernels import (
 )
 
 DEPTH = 3
-"""How often the mesh is halved before its parts are shared out to threads, eight parts: those above are done one after the other."""
+"""Halvings of the mesh before its parts, eight of them, are shared out to threads; the fronts above follow, level by level."""
 SMALL = 2000
-"""Vertices up to which one thread does all: to wake another one takes longer."""
+"""Up to this many vertices one thread does everything: waking another would take longer."""
 
 
 @dataclass(frozen=True)
 class Fronts:
-    """The fronts of one pattern, children before parents. See the arguments of the kernels."""
+    """The fronts of one pattern, children before parents, as the kernels read them."""
 
     table: np.ndarray
-    """(fronts, LENGTH) int32."""
+    """(fronts, LENGTH) int32; `front_kernels` names the columns."""
     slots: np.ndarray
     """(B, 2) int32 row and column of each block in its front."""
     children: np.ndarray
-    """int32."""
+    """int32 the children of all fronts, one list after another."""
     places: np.ndarray
-    """int32."""
+    """int32 where the columns of each front's remainder stand in its parent, one list after another."""
     runs: np.ndarray
-    """(runs, 2) int32 the first front of each and the one after its last."""
+    """(runs, 2) int32 the first front of each run and the one after its last."""
     levels: tuple[tuple[int, int], ...]
-    """First and last (exclusive) of the runs that can be done at the same time, one level after the other."""
+    """First and last (exclusive) of the runs that can be done at the same time, in the order in which the levels are done."""
     remainders: int
-    """Vectors that the remainders take."""
+    """Vectors that the remainders take, in total."""
 
     @classmethod
     def of(cls, sizes: np.ndarray, tree: list[tuple[int, ...]], rows: np.ndarray, columns: np.ndarray) -> Fronts:
-        """The fronts that eliminate `sizes` vertices each, with blocks at places (rows, columns) of the order, sorted by columns."""
+        """The fronts that eliminate `sizes` vertices each; (rows, columns): places of the blocks in the order, sorted by column."""
         ends = np.cumsum(sizes)
         starts = ends - sizes
         begin, stop = np.searchsorted(columns, starts), np.searchsorted(columns, ends)
@@ -73,7 +73,7 @@ class Fronts:
         table[:, LAST_CHILD] = table[:, FIRST_CHILD] + counts
 
         def row_in(front: int, rank: np.ndarray) -> np.ndarray:
-            """The row of a front in which the first coordinate of vertices stands, by their places in the order."""
+            """The row of a front that holds the first coordinate of each vertex, given the vertex's place in the order."""
             later = TILE * table[front, OWN] + 3 * np.searchsorted(updates[front], rank)
             return np.where(rank < ends[front], 3 * (rank - starts[front]), later)
 
@@ -83,7 +83,7 @@ class Fronts:
             slots.append(np.stack([row_in(front, columns[inside]), row_in(front, rows[inside])], axis=1))
             for child in below:
                 own = (row_in(front, updates[child])[:, None] + np.arange(3)).ravel()
-                # What fills up a tile is zero and may be added anywhere: to the last column, which all rows have.
+                # The padding of a tile is zero and may be added anywhere: here to the last column, which all rows have.
                 full = np.pad(own, (0, -len(own) % TILE), mode="edge") if len(own) else own
                 places[child] = full // TILE * TILE**2 + full % TILE
         runs, levels = _runs(tree, int(ends[-1]))
@@ -96,18 +96,18 @@ class Fronts:
 
     @property
     def vectors(self) -> tuple[int, int, int]:
-        """How many vectors the rows of all fronts take, their own numbers, and those below."""
+        """How many vectors the rows of all fronts take, and in a solve their own numbers and those of the later rows (`BELOW`)."""
         own, update = (self.table[:, k].astype(np.int64) for k in (OWN, UPDATE))
         return int((TILE * own * (own + update)).sum()), int(own.sum()), int(update.sum()) + 1
 
 
 def _offsets(sizes: np.ndarray) -> np.ndarray:
-    """Where each of some lists begins if they are put one after the other."""
+    """Where each of some lists of these sizes begins if they are put one after another."""
     return np.cumsum(sizes) - sizes
 
 
 def _updates(ends: np.ndarray, tree: list[tuple[int, ...]], rows: np.ndarray, begin: np.ndarray, stop: np.ndarray) -> list[np.ndarray]:
-    """The places in the order, increasing, of the later vertices that each front touches."""
+    """For each front, the later vertices that it touches, as increasing places in the order."""
     updates: list[np.ndarray] = []
     for front, end in enumerate(ends):
         touched = np.unique(np.concatenate([rows[begin[front] : stop[front]], *(updates[child] for child in tree[front])]))
@@ -116,7 +116,7 @@ def _updates(ends: np.ndarray, tree: list[tuple[int, ...]], rows: np.ndarray, be
 
 
 def _runs(tree: list[tuple[int, ...]], vertices: int) -> tuple[list[tuple[int, int]], tuple[tuple[int, int], ...]]:
-    """Whole subtrees first, then the fronts above them, deepest first; and the levels of these."""
+    """Runs of fronts: whole subtrees first, then single fronts above them, deepest first; and the range of runs of each level."""
     depth, first = np.zeros(len(tree), np.int64), np.arange(len(tree))
     for front in reversed(range(len(tree))):
         depth[list(tree[front])] = depth[front] + 1
@@ -134,9 +134,10 @@ def _runs(tree: list[tuple[int, ...]], vertices: int) -> tuple[list[tuple[int, i
 
 
 def _remainders(table: np.ndarray, tree: list[tuple[int, ...]], runs: list[tuple[int, int]]) -> int:
-    """Puts the place of each front's remainder in the table; returns the vectors that all take.
+    """Write the place of each front's remainder into the table; returns the number of vectors that all remainders take.
 
-    In a run, those of one depth have a place for each child of a parent: the parent has taken them up before the next ones come.
+    Within a run, the fronts of one depth share one place per child of a parent: a parent has added its children's remainders before
+    the next ones are written.
     """
     sizes = TILE * table[:, UPDATE].astype(np.int64) ** 2
     parent, which = np.full(len(tree), -1), np.zeros(len(tree), np.int64)

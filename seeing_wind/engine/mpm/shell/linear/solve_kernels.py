@@ -1,7 +1,8 @@
 """Solves with the factors of `front_kernels`, compiled.
 
-A vector is taken apart by fronts: `own` has the numbers that a front eliminates, `below` those of the later rows that it touches. On the
-way there, a front adds what its children's rows take from the right-hand side; on the way back it hands them what they need.
+A vector is split by fronts: `own` has the numbers of the rows that a front eliminates, `below` those of the later rows that it touches. In
+the forward pass a front adds its children's contributions to the right-hand side; in the backward pass it hands its children the parts of
+the solution that they need.
 """
 # The compiler reads the annotations of kernels at run time: they are values, which mypy cannot check and `annotations` may not postpone.
 # mypy: ignore-errors
@@ -33,10 +34,10 @@ def front_forward(
     front, fronts: ti.template(), children: ti.template(), places: ti.template(), vertex: ti.template(), right: ti.template(),
     rows_v: ti.template(), own: ti.template(), own_v: ti.template(), below: ti.template(), below_v: ti.template(),
 ):  # fmt: skip
-    """A front's part of U^T y = right: its y into `own`, and what its rows take from later ones into `below`."""
+    """A front's part of U^T y = right: y goes into `own`, and what its rows subtract from later rows into `below`."""
     mine, update, across = fronts[front, OWN], fronts[front, UPDATE], fronts[front, OWN] + fronts[front, UPDATE]
     to, under = fronts[front, VECTOR], fronts[front, BELOW]
-    own_v[to + mine - 1] = ti.Vector.zero(float, 8)  # behind the last number as well
+    own_v[to + mine - 1] = ti.Vector.zero(float, 8)  # clears the padding after the last number
     first = fronts[front, FIRST]
     for k in range(fronts[front, COUNT] // 3):
         for i in ti.static(range(3)):
@@ -70,14 +71,14 @@ def front_forward(
 
 @ti.func
 def in_line(place):
-    """The number of a row from the number at which its column begins in a row of tiles."""
+    """The number of a row, from its entry in `places`: where the column of the same number begins in a row of tiles."""
     unsigned = ti.cast(place, ti.u32)
     return ti.cast(unsigned // 64 * 8 + unsigned % 8, ti.i32)
 
 
 @ti.func
 def less_rows(t, y, tile, tiles: ti.template()):
-    """t (8,) minus y times a tile. Two sums, as each has to wait for its last addition."""
+    """t (8,) minus y times a tile. Two separate sums, because each addition has to wait for the one before it."""
     even, odd = t - y[0] * tiles[tile], y[1] * tiles[tile + 1]
     for r in ti.static(range(2, 8, 2)):
         even = even - y[r] * tiles[tile + r]
@@ -87,7 +88,7 @@ def less_rows(t, y, tile, tiles: ti.template()):
 
 @ti.func
 def plus_rows(first, second, count, t0, t1, t2, t3, t4, t5, t6, t7, tiles: ti.template(), x: ti.template()):
-    """Adds `count` tiles times as many parts of x, number by number, to the sums of the tiles' rows."""
+    """The sums t0..t7, one vector for each row of a tile, plus the elementwise products of `count` tiles with as many vectors of x."""
     here = first
     for j in range(second, second + count):
         v = x[j]
@@ -108,7 +109,7 @@ def front_backward(
     front, fronts: ti.template(), children: ti.template(), places: ti.template(), vertex: ti.template(), x_out: ti.template(),
     rows_v: ti.template(), own: ti.template(), own_v: ti.template(), below: ti.template(), below_v: ti.template(),
 ):  # fmt: skip
-    """A front's part of U x = y, from `own` into `own` and x_out; its children's `below` gets what they need of it."""
+    """A front's part of U x = y: takes y from `own`, puts x into `own` and x_out, and what the children need into their `below`."""
     mine, update, across = fronts[front, OWN], fronts[front, UPDATE], fronts[front, OWN] + fronts[front, UPDATE]
     to, under = fronts[front, VECTOR], fronts[front, BELOW]
     for back in range(mine):
@@ -141,7 +142,7 @@ def forward(
     begin: ti.i32, end: ti.i32, runs: table, fronts: table, children: integers, places: integers, vertex: integers, right: doubles,
     rows_v: vectors, own: numbers, own_v: vectors, below: numbers, below_v: vectors,
 ):  # fmt: skip
-    """U^T y = right for the fronts of runs begin..end at the same time."""
+    """U^T y = right for the fronts of runs begin..end, the runs at the same time."""
     ti.loop_config(block_dim=1)
     for run in range(begin, end):
         for front in range(runs[run, 0], runs[run, 1]):
@@ -153,7 +154,7 @@ def backward(
     begin: ti.i32, end: ti.i32, runs: table, fronts: table, children: integers, places: integers, vertex: integers, x_out: doubles,
     rows_v: vectors, own: numbers, own_v: vectors, below: numbers, below_v: vectors,
 ):  # fmt: skip
-    """U x = y for the fronts of runs begin..end at the same time."""
+    """U x = y for the fronts of runs begin..end, the runs at the same time."""
     ti.loop_config(block_dim=1)
     for run in range(begin, end):
         for back in range(runs[run, 1] - runs[run, 0]):
@@ -165,8 +166,8 @@ def there_and_back(
     begin: ti.i32, end: ti.i32, runs: table, fronts: table, children: integers, places: integers, vertex: integers, right: doubles,
     x_out: doubles, rows_v: vectors, own: numbers, own_v: vectors, below: numbers, below_v: vectors,
 ):  # fmt: skip
-    """Both for the fronts of runs begin..end, one after the other, on this thread."""
-    run = begin  # a loop over numbers at the outermost would be shared between threads
+    """`forward`, then `backward`, for the fronts of runs begin..end, one after another, on this thread."""
+    run = begin  # the compiler would share an outermost for loop out to threads
     while run < end:
         for front in range(runs[run, 0], runs[run, 1]):
             front_forward(front, fronts, children, places, vertex, right, rows_v, own, own_v, below, below_v)

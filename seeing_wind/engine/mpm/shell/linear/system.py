@@ -1,9 +1,10 @@
-"""The linear equations of a Newton iteration: conjugate gradients, with Cholesky factors of nearly the same matrix before them.
+"""The linear equations of a Newton iteration: conjugate gradients, preconditioned with Cholesky factors of nearly the same matrix.
 
-The matrix is 3 x 3 blocks for a vertex and its neighbours (mass, stretching, contact, drag) plus the bending's, which reaches two rings
-far. Factors of it all would be large. Those of the same matrix with a simpler bending, which couples only the two vertices across an
-edge with its ends, take a fifth of the time, and a few iterations make up for the difference. Where bending between neighbours does
-not far outweigh inertia, the coupling across an edge goes too: separators become one row of vertices wide, and factors take a third again.
+The matrix has a 3 x 3 block for each vertex and each pair of neighbours (mass, stretching, contact, drag), plus the matrix of bending,
+which reaches two rings far. Factors of all this would be large. If bending is replaced by a simpler one, which couples only the two
+vertices opposite an edge and its ends, they take a fifth of the time, and a few iterations make up for the difference. Where bending
+between neighbours does not far outweigh inertia, the coupling across an edge is dropped as well: separators become one row of vertices
+wide, and the factors take a third of that time.
 """
 
 from __future__ import annotations
@@ -24,24 +25,27 @@ from .cholesky import BlockCholesky, Factors
 MOST = 200
 """Iterations of conjugate gradients, at most."""
 THIN = 20.0
-"""Bending between neighbours over inertia up to which factors do without the coupling across edges."""
+"""Ratio of bending between neighbours to inertia up to which the factors leave out the coupling across edges."""
 SINGLE = 1e6
-"""Stretching over inertia up to which factors in single precision are good enough: their error is 1e-7 of the stretching."""
+"""Ratio of stretching to inertia up to which single precision is good enough for the factors: their error is 1e-7 of the stretching."""
 
 
 @dataclass(frozen=True)
 class _Pattern:
-    """What depends on where the factored matrix has blocks."""
+    """The pattern of blocks of a matrix that is factored, and where the blocks come from."""
 
     plan: BlockCholesky
     source: np.ndarray
-    """(B,) int32 which near block each of its blocks is, or what else (`system_kernels`)."""
+    """(B,) int32 number of the near block that each block is taken from, or NOT_NEAR, HELD or ALONE (`system_kernels`)."""
     hinge: np.ndarray
-    """(B,) bending of the blocks [N/m]."""
+    """(B,) entry of the simpler bending's matrix for each block [N/m]."""
 
 
 class System:
-    """What depends on the mesh alone: patterns, orders, and the simpler bending."""
+    """What depends on the mesh alone: patterns, orders of elimination, and the simpler bending.
+
+    A near block is the 3 x 3 block of a vertex or of two vertices with a common face.
+    """
 
     def __init__(self, surface: Surface, slope: np.ndarray, b: Bending, plate: float, pinned: np.ndarray) -> None:
         count, faces = len(surface.x), surface.faces
@@ -73,12 +77,12 @@ class System:
 
     @cached_property
     def _thin(self) -> _Pattern:
-        """Faces alone."""
+        """Pattern of vertices with a common face."""
         return self._pattern(self._near, self._narrow)
 
     @cached_property
     def _wide(self) -> _Pattern:
-        """Faces, and the vertices across their edges."""
+        """Pattern of vertices with a common face, or on both sides of a common edge."""
         return self._pattern(csr_array(self._near + abs(self._hinges)), self._hinges)
 
     def _pattern(self, entries: csr_array, hinges: csr_array) -> _Pattern:
@@ -92,23 +96,23 @@ class System:
         return _Pattern(plan, source, np.asarray(hinges[row, column]).ravel())
 
     def matrix(self, F: np.ndarray, tangents: tuple[np.ndarray, np.ndarray], of_vertices: np.ndarray, bending: float) -> Matrix:
-        """A matrix: deformation F (F, 3, 2) and `Forces.tangents` of the faces, (V, 3, 3) of vertices [N/m], and how often the bending's
-        counts."""
+        """A matrix from the faces' deformation F (F, 3, 2) and `Forces.tangents`, the blocks `of_vertices` (V, 3, 3) [N/m] on the diagonal,
+        and the matrix of bending times `bending`."""
         data = np.empty((len(self._row), 3, 3))
         self._near_blocks(self._twins, self._first, self._corner, F, self._slope, *tangents, np.ascontiguousarray(of_vertices), data)
         inertia = float(np.median(np.trace(of_vertices, axis1=1, axis2=2))) / 3.0
         return Matrix(self, data, bending, inertia)
 
     def times(self, near: np.ndarray, bending: float, x: np.ndarray) -> np.ndarray:
-        """(V, 3) near blocks and the bending times x (V, 3); zero at pinned vertices."""
+        """The matrix with the blocks `near` and the factor `bending` on bending, times x (V, 3): (V, 3), zero at pinned vertices."""
         result = np.empty_like(x)
         self._product(*self._fixed, near, *self._bending[:3], np.array([bending]), self._bending[3], x, result)
         return result
 
     def factors(self, data: np.ndarray, bending: float, inertia: float) -> Factors:
-        """Of the matrix with near blocks `data` and a simpler bending; pinned vertices stand alone.
+        """Factors of the matrix with near blocks `data` and the simpler bending; pinned vertices are decoupled.
 
-        In single precision, which takes two thirds of the time, where the matrix allows it: conjugate gradients mend the rest.
+        They are in single precision, which takes two thirds of the time, where the matrix allows it: conjugate gradients correct the rest.
         """
         thin = bending * self._added <= THIN * inertia
         pattern = self._thin if thin else self._wide
@@ -124,10 +128,10 @@ class System:
 
 
 class Unfinished(np.linalg.LinAlgError):
-    """Conjugate gradients have not reached their precision; `x` (V, 3) is how far they came."""
+    """Conjugate gradients have not reached their tolerance; `x` (V, 3) is the solution so far."""
 
     def __init__(self, x: np.ndarray, iterations: int) -> None:
-        super().__init__(f"conjugate gradients are not there after {iterations} iterations")
+        super().__init__(f"conjugate gradients have not converged after {iterations} iterations")
         self.x = x
 
 
@@ -138,21 +142,21 @@ class Matrix:
         self._system, self._near, self._bend, self._inertia = system, near, bending, inertia
 
     def times(self, x: np.ndarray) -> np.ndarray:
-        """(V, 3), zero at pinned vertices; x (V, 3) must be zero there."""
+        """The matrix times x (V, 3): (V, 3), zero at pinned vertices; x must be zero there."""
         return self._system.times(self._near, self._bend, x)
 
     def factors(self) -> Factors:
-        """For `solved`.
+        """Factors for `solve`.
 
         Raises:
             numpy.linalg.LinAlgError: when the matrix is not positive definite or not finite.
         """
         return self._system.factors(self._near, self._bend, self._inertia)
 
-    def solved(self, right: np.ndarray, factors: Factors, tolerance: float, most: int = MOST) -> tuple[np.ndarray, int]:
-        """x (V, 3) with matrix x = right, to a tolerance in the norm of the factors, and the iterations it took.
+    def solve(self, right: np.ndarray, factors: Factors, tolerance: float, most: int = MOST) -> tuple[np.ndarray, int]:
+        """x (V, 3) with matrix x = right, to a relative tolerance in the preconditioner's norm, and the iterations it took.
 
-        An iteration is one solve with the factors, whose result tells how good x was before and makes it better.
+        Each iteration makes one solve with the factors, whose result both measures the error of the last x and improves it.
 
         Raises:
             Unfinished: when `most` iterations are not enough.
@@ -183,7 +187,7 @@ class Matrix:
 def _within(near: csr_array, hinges: csr_array) -> tuple[csr_array, float]:
     """The hinges' matrix (V, V) with its couplings beyond `near` moved onto the diagonal, and the median of what that adds there [N/m].
 
-    These are positive: 2 e x y becomes e (x² + y²), which adds e (x - y)², and the matrix stays positive semidefinite.
+    The couplings are positive: 2 e x y becomes e (x² + y²), which adds e (x - y)², so the matrix stays positive semidefinite.
     """
     inside = csr_array(hinges.multiply(near != 0))
     added = np.asarray((hinges - inside).sum(axis=1)).ravel()
@@ -191,7 +195,8 @@ def _within(near: csr_array, hinges: csr_array) -> tuple[csr_array, float]:
 
 
 def _hinges(surface: Surface, plate: float) -> csr_array:
-    """(V, V) of a bending energy that is a sum over inner edges of squared kinks: it weighs a kink as its two faces do, one by one."""
+    """Matrix (V, V) [N/m] of a simpler bending energy: a sum over inner edges of the squared change of slope across the edge, weighted with
+    the bending energy that it causes in the two faces."""
     first = np.unique(surface.edge.ravel(), return_index=True)[1]
     face, k = first // 3, first % 3
     inner = surface.neighbour[face, k] != NONE

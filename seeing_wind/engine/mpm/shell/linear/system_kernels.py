@@ -12,7 +12,7 @@ matrices = ti.types.ndarray(dtype=ti.f64, ndim=3)
 results = ti.types.ndarray(ndim=3)
 
 NOT_NEAR, HELD, ALONE = -1, -2, -3
-"""In place of a block's source: it is none of the near ones; a vertex of it is pinned; it is the diagonal one of a pinned vertex."""
+"""In place of a block's source: it is not a near block; one of its vertices is pinned; it is the diagonal block of a pinned vertex."""
 
 
 @ti.kernel
@@ -20,14 +20,14 @@ def near_blocks(
     twins: pairs, first: integers, corner: pairs, F: matrices, slope: matrices, tangent: rows, tension: rows, of_vertices: matrices,
     block_out: matrices,
 ):  # fmt: skip
-    """Blocks (n, 3, 3) of each two vertices with a common face, and of each vertex, from those of the faces.
+    """Near blocks (n, 3, 3), one for each vertex and each pair of vertices with a common face, as sums over faces.
 
-    The block of the corners i, j of a face is F K F^T with K = G_i^T T G_j, where G_i takes a displacement to a strain, and g_i S g_j on
-    the diagonal.
+    The block of corners i, j of a face is F K F^T + (g_i S g_j) 1, with K = G_i^T T G_j, where G_i takes a displacement of corner i to a
+    strain, g_i is the gradient of its hat function, T the tangent and S the stress.
 
     Args:
-        twins: (m, 3) numbers of a block and of its transpose, and the vertex if it is a diagonal one, else -1.
-        first, corner: (m + 1,), (k, 3) the face and its two corners that add to each.
+        twins: (m, 3) numbers of a block and of its transpose, and the vertex if the block is a diagonal one, else -1.
+        first, corner: (m + 1,), (k, 3) the faces, each with two of its corners, that contribute to each block.
         F: (F, 3, 2), slope: (F, 3, 2); tangent: (F, 6), tension: (F, 3) times the area; of_vertices: (V, 3, 3) added on the diagonal.
     """
     for pair in range(twins.shape[0]):
@@ -61,9 +61,9 @@ def near_blocks(
 
 @ti.kernel
 def factored_blocks(source: integers, hinge: doubles, constants: doubles, near: matrices, block_out: results):
-    """Blocks of the matrix that is factored: the near ones with a simpler bending, and for pinned vertices inertia alone.
+    """Blocks of the matrix that is factored: near blocks plus the simpler bending, and for pinned vertices inertia alone.
 
-    constants: how often bending counts, and inertia [N/m].
+    constants: the factor on bending, and inertia [N/m].
     """
     for k in range(source.shape[0]):
         for i in ti.static(range(3)):
@@ -84,7 +84,7 @@ def product(
     first: integers, column: integers, near: matrices, first_bent: integers, bent: integers, bending: doubles, constants: doubles,
     free: integers, x: rows, product_out: rows,
 ):  # fmt: skip
-    """The matrix times x (V, 3): near blocks, and the bending's numbers `constants[0]` times; zero at vertices that are not free."""
+    """The matrix times x (V, 3): near blocks plus `constants[0]` times the matrix of bending; zero at vertices that are not free."""
     for v in range(x.shape[0]):
         a, b, c = 0.0 * x[v, 0], 0.0 * x[v, 0], 0.0 * x[v, 0]
         if free[v] != 0:
