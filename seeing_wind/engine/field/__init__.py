@@ -1,11 +1,11 @@
 """Force fields f(x, t) [N/m³].
 
-    force_field.py   what every field can do         representations/  the causal tri-plane and others
-    analytic.py      known fields                    distillation.py   a recovery's forces as a field
+    force_field.py   the interface of every field    representations/  the causal tri-plane and others
+    analytic.py      fields in closed form           distillation.py   a field fitted to a recovery's forces
     confidence.py    how well a value is known       sampling.py       values at points, and export
     storage.py       fields from files               torch_threads.py  torch on one thread
-    adam.py          a descent that can go on        trilinear.py     values on a lattice
-    optimisers.py    torch's, which start sooner
+    adam.py          Adam that can be resumed        trilinear.py      interpolation on a lattice
+    optimisers.py    torch's optimisers without its compiler
 """
 
 from .analytic import ForceFieldAnalytic

@@ -1,4 +1,4 @@
-"""Adam's state as arrays, so that a descent can go on where it was."""
+"""Adam's state as arrays, so that a descent can be resumed."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ def adam_state(optimiser: Adam) -> dict[str, np.ndarray]:
 
 
 def restore(optimiser: Adam, schedule: LRScheduler, arrays: dict[str, np.ndarray], iterations: int) -> None:
-    """Put an optimiser that is new, with its schedule of rates, where `adam_state` found another after so many iterations."""
+    """Bring a new optimiser, and its schedule of learning rates, to the state that `adam_state` returned after so many iterations."""
     optimiser.zero_grad()
-    for _ in range(iterations):  # without derivatives this changes the rates alone
+    for _ in range(iterations):  # without gradients this changes the rates only
         optimiser.step()
         schedule.step()
     with torch.no_grad():
@@ -38,7 +38,7 @@ def restore(optimiser: Adam, schedule: LRScheduler, arrays: dict[str, np.ndarray
 
 
 def in_parts(values: np.ndarray, parameters: Iterable[torch.Tensor]) -> Iterator[tuple[torch.Tensor, torch.Tensor]]:
-    """Each parameter with its part of values (P,) that are one after the other."""
+    """Each parameter with its part of `values` (P,), which has the values of all parameters one after another."""
     listed = list(parameters)
     for parameter, part in zip(listed, torch.from_numpy(values).split([one.numel() for one in listed]), strict=True):
         yield parameter, part.view_as(parameter)

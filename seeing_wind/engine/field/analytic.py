@@ -1,6 +1,6 @@
 """Known force fields in closed form with exact gradients, for sample scenes, tests and comparison.
 
-A field is a uniform part plus plane waves, each with its own strength in every frame:
+A field is a uniform part plus plane waves, each with its own amplitude in every frame:
 
     f(x, t) = u_t + sum_j a_tj sin(k_j . x + p_j)
 """

@@ -1,9 +1,9 @@
-"""From the forces that were solved on the particles to a force field that can be asked anywhere.
+"""Distillation: from the forces solved on the particles to a force field that can be sampled anywhere.
 
 The representation is fitted to samples (x[t, n], t, f[t, n]), each weighted by how well it is known; the last layer, in which the
-fit is linear, is then solved exactly. Away from the body nothing was seen: a few weak samples there hold the field at each frame's
-mean force, so that an object inserted beside the recorded path meets the same wind and not an arbitrary extrapolation. Confidence
-tells the two apart.
+fit is linear, is then solved exactly. Away from the body nothing was seen: a few samples of low weight there hold the field at each
+frame's mean force, so that an object inserted beside the recorded path meets the same wind and not an arbitrary extrapolation. The
+field's confidence shows where this is so.
 """
 
 from __future__ import annotations
@@ -39,30 +39,30 @@ SPACE_WEIGHT, TIME_WEIGHT = 1e-3, 1e-5
 """lambda_1 and lambda_2 of Eq. (14), for normalised forces."""
 
 WEAK = 0.1
-"""Errors count relative to the force plus this part of the clip's root mean square force."""
+"""Errors are weighted relative to the local force plus this fraction of the clip's root mean square force."""
 
 CELLS = 4.5
 """Cells of the finest planes per root mean square radius of the body."""
 
 ACCURATE, SLOW = 0.05, 0.4
-"""A fit whose weighted misfit over the weighted force exceeds the first is repeated with the rates times the second."""
+"""A fit whose relative misfit exceeds ACCURATE is repeated with the learning rates times SLOW."""
 
 BACKGROUND_SHARE, BACKGROUND_WEIGHT = 0.1, 0.005
-"""How many samples lie away from the body, and their weight beside a typical one."""
+"""Samples away from the body, over those on it, and their weight relative to that of a typical sample."""
 
 
 @dataclass(frozen=True)
 class Samples:
-    """What the representation is fitted to, normalised. S samples."""
+    """The S samples that the representation is fitted to, normalised."""
 
     s: torch.Tensor
-    """(S, 3) in 0..1 of the box."""
+    """(S, 3) position in the box, 0..1."""
     frame: torch.Tensor
-    """(S,) int64."""
+    """(S,) int64 frame interval."""
     force: torch.Tensor
-    """(S, 3) over the scale."""
+    """(S, 3) force density over the field's scale."""
     weight: torch.Tensor
-    """(S,) mean about one."""
+    """(S,) weight of the squared error, about one on average."""
 
 
 def distill(
@@ -80,8 +80,8 @@ def distill(
         recovery: forces (T, N, 3) [N/m³] at x[t], and their posterior deviation.
         particles: the body, for its spacing.
         representation: causal_triplane, kplanes or point.
-        seed: of the weights' start and the batches; the same seed gives the same field.
-        journal: keeps how far the fit has come; its stamp must tell all other arguments.
+        seed: for the initial weights and the batches; the same seed gives the same field.
+        journal: keeps the fit's progress; its stamp must depend on all other arguments.
 
     Raises:
         UsageError: for an unknown representation, or forces that are not finite (a recovery that diverged).
@@ -97,7 +97,7 @@ def distill(
     if representation == "point":
         return ForceFieldPoint(box, fps, frames, x, recovery.force_density, confidence)
 
-    # without any force any scale will do
+    # if there is no force at all, any scale will do
     scale = float(np.sqrt((recovery.force_density**2).sum(axis=-1).mean())) or 1.0
     samples = _samples(recovery, x, box, scale, seed)
     with torch.random.fork_rng(devices=[]), one_torch_thread():
@@ -109,10 +109,10 @@ def distill(
 
 
 def _best(make: Callable[[], NeuralModule], samples: Samples, iterations: int, progress: Progress, journal: Journal) -> NeuralModule:
-    """A fitted module. Adam at its full rates now and then loses its way; then once more, more slowly, and the better of the two."""
+    """A fitted module. Adam at full rates sometimes goes astray; the fit is then repeated at lower rates, and the better one is taken."""
     first = make()
     if not samples.force.any():
-        return first  # which begins as none
+        return first  # a new module has no force
     misfit = _fit(first, samples, iterations, 1.0, progress, journal)
     if misfit < ACCURATE:
         return first
@@ -120,7 +120,7 @@ def _best(make: Callable[[], NeuralModule], samples: Samples, iterations: int, p
     slow = _fit(second, samples, 2 * iterations, SLOW, progress, journal)
     module, misfit = (second, slow) if slow < misfit else (first, misfit)
     if misfit >= ACCURATE:
-        progress.warn(f"The field follows the solved forces only to {100 * misfit:.0f} %: they vary more than the representation can.")
+        progress.warn(f"The field differs from the solved forces by {100 * misfit:.0f} %: they vary more than the representation can.")
     return module
 
 
@@ -129,7 +129,7 @@ def _iterations(frames: int) -> int:
 
 
 def _box(x: np.ndarray, spacing: float) -> np.ndarray:
-    """The swept volume with a margin (2, 3) [m]; no side is thinner than a tenth of the longest."""
+    """Box (2, 3) [m] around the swept volume, with a margin; no side is shorter than a tenth of the longest."""
     low, high = x.min(axis=(0, 1)), x.max(axis=(0, 1))
     longest = max(float((high - low).max()), spacing)
     margin = np.maximum(0.05 * longest + 2 * spacing, (0.1 * longest - (high - low)) / 2)
@@ -137,7 +137,7 @@ def _box(x: np.ndarray, spacing: float) -> np.ndarray:
 
 
 def _module(representation: str, frames: int, box: np.ndarray, body: np.ndarray) -> NeuralModule:
-    """Planes with cells in proportion to the body: curved fields bend within a body, not within a particle."""
+    """A new module, with plane cells in proportion to the body: a field varies over the size of a body, not of a particle."""
     radius = float(np.sqrt(((body - body.mean(axis=0)) ** 2).sum(axis=1).mean())) or 1.0
     cells = (box[1] - box[0]) / radius * CELLS
     fine, coarse = _nodes(cells, 8, 44), _nodes(cells / 2.5, 5, 18)
@@ -155,7 +155,7 @@ def _samples(recovery: Recovery, x: np.ndarray, box: np.ndarray, scale: float, s
     frames, count = recovery.deviation.shape[:2]
     force, deviation = recovery.force_density / scale, np.sqrt((recovery.deviation**2).mean(axis=-1)) / scale
     size = np.linalg.norm(force, axis=-1)
-    # accuracy counts relative to the force itself; samples known worse than the typical one give way
+    # errors are relative to the force itself; samples that are known less well than the typical one get less weight
     typical = float(np.median(deviation)) or 1.0
     weight = 1 / ((size + WEAK) ** 2 * (1 + (deviation / typical) ** 2))
     weight /= weight.mean()
@@ -176,16 +176,16 @@ def _samples(recovery: Recovery, x: np.ndarray, box: np.ndarray, scale: float, s
 
 
 def _fit(module: NeuralModule, samples: Samples, iterations: int, pace: float, progress: Progress, journal: Journal) -> float:
-    """Adam on random batches with one rise and fall of the learning rates, then the last layer exactly.
+    """Fit by Adam on random batches, with one rise and fall of the learning rates (times `pace`), then solve the last layer exactly.
 
-    Returns the weighted root mean square misfit over the weighted root mean square force.
+    Returns the relative misfit: weighted root mean square error over weighted root mean square force.
     """
     rows, carry = module.stencil(samples.s, samples.frame)
     groups = module.rates()
     rates = [pace * group["lr"] for group in groups]
     optimiser = Adam(groups, betas=(0.9, 0.99))
     schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, rates, total_steps=iterations, pct_start=0.1)
-    # Half of them in proportion to the squared force: a blow is a few frames of many.
+    # Half of the samples are drawn in proportion to the squared force, because an impact is only a few frames of many.
     power = samples.force.double().square().sum(dim=1)
     drawn = (power + power.mean().clamp_min(1e-30)).cumsum(dim=0)
     loop = journal.loop("iterations", pace)
@@ -210,9 +210,9 @@ def _fit(module: NeuralModule, samples: Samples, iterations: int, pace: float, p
 
 @torch.no_grad()
 def _solve_last(module: NeuralModule, samples: Samples, stencil: Stencil) -> float:
-    """Weighted least squares for the decoder's last layer, slightly drawn to what Adam found so that it cannot blow up.
+    """Weighted least squares for the decoder's last layer, slightly regularised towards Adam's result so that it cannot blow up.
 
-    Returns the misfit; see `_fit`.
+    Returns the relative misfit; see `_fit`.
     """
     hidden = module.decoder[:-1](module.latent(stencil, samples.frame)).double()
     hidden = torch.cat([hidden, torch.ones(len(hidden), 1, dtype=hidden.dtype)], dim=1)

@@ -1,4 +1,4 @@
-"""What every force field can do: be asked for forces, gradients and confidence, and be saved without pickle."""
+"""The interface of every force field: sampling forces, gradients and confidence, and saving without pickle."""
 
 from __future__ import annotations
 
@@ -18,28 +18,28 @@ if TYPE_CHECKING:
     from .confidence import ConfidenceMap
 
 VERSION = 2
-"""Version of the field file. 2: the confidence's points count from an origin; files of version 1 are read, too."""
+"""Version of the field file. In version 2 the confidence's points are relative to an origin; files of version 1 are read, too."""
 
 UNITS = {"force": "N/m3", "wind": "m/s"}
-"""Of each kind of field."""
+"""The unit of each kind of field."""
 
 
 class ForceField(ABC):
-    """A body-force density f(x, t) [N/m³] over T frame intervals; the force of interval t is held from frame t to frame t + 1.
+    """A body-force density f(x, t) [N/m³] over T frame intervals; the force of interval t acts from frame t to frame t + 1.
 
     Args:
         box: (2, 3) lower and upper corner of the region that the field was made for, world metres.
-        frames: T, how many frame intervals the field knows.
+        frames: T, the number of frame intervals.
 
     Raises:
-        UsageError: for a box without volume or beyond `FARTHEST`, a frame rate of no camera, or no frame.
+        UsageError: for a box without volume or beyond `FARTHEST`, a frame rate that no camera has, or no frame.
     """
 
     representation: ClassVar[str] = ""
-    """The name in the file that leads back to the class."""
+    """The name in the file by which the class is found again."""
 
     kind = "force"
-    """force: the values are force densities [N/m³]. wind: they are velocities of the air [m/s], and so where this class says force."""
+    """force: the values are force densities [N/m³]. wind: they are velocities of the air [m/s]; read so what this class says of forces."""
 
     confidence: ConfidenceMap | None = None
     """Where the field can be trusted; None: everywhere."""
@@ -59,7 +59,7 @@ class ForceField(ABC):
     def sample(self, points: np.ndarray, frame: int) -> tuple[np.ndarray, np.ndarray]:
         """Force density (M, 3) [N/m³] and confidence (M,) in 0..1 at points (M, 3) [m] during frame interval `frame`.
 
-        Confidence tells what the clip can know: 0 far from where mass passed, 1 where the force is well determined.
+        Confidence is 0 far from where mass passed, and 1 where the force is well determined.
 
         Raises:
             UsageError: for a frame outside 0..T-1 or points that are not finite.
@@ -72,15 +72,15 @@ class ForceField(ABC):
         return self._gradient(self._checked(points, frame), frame)
 
     def away(self, points: np.ndarray, frame: int) -> tuple[np.ndarray, np.ndarray]:
-        """How far points (M, 3) [m] are from the filmed object during frame interval `frame`, and the gradient of that. Raises as `sample`.
+        """Distance of points (M, 3) [m] from the filmed object during frame interval `frame`, and its gradient. Raises as `sample`.
 
         Returns:
-            (M,) [m], 0 on the object, and everywhere in a field that is known everywhere; (M, 3), 0 where the distance is.
+            (M,) [m], 0 on the object, and everywhere in a field without a confidence; (M, 3), 0 where the distance is 0.
         """
         return self._away(self._checked(points, frame), frame)
 
     def save(self, path: str | PathLike[str]) -> None:
-        """Write the field as safetensors: weights, and metadata that other readers need (box, fps, frames, units, ...).
+        """Write the field as safetensors: arrays, and the metadata that other readers need (box, fps, frames, units, ...).
 
         Raises:
             TakeError: when the file cannot be written.
@@ -106,7 +106,7 @@ class ForceField(ABC):
     @classmethod
     @abstractmethod
     def from_file(cls, tensors: dict[str, np.ndarray], metadata: dict[str, str], box: np.ndarray, fps: float, frames: int) -> Self:
-        """The field of a file's tensors and metadata. Raises KeyError or ValueError for what is missing or has a wrong shape."""
+        """The field from a file's tensors and metadata. Raises KeyError or ValueError for what is missing or has a wrong shape."""
 
     @abstractmethod
     def _force(self, points: np.ndarray, frame: int) -> np.ndarray:
@@ -145,7 +145,7 @@ class ForceField(ABC):
 
 
 def _reproducible(content: bytes) -> bytes:
-    """The same safetensors file with its header sorted: the library writes metadata in random order, and stamps hash files."""
+    """The same safetensors file with a sorted header: the library writes metadata in random order, but stamps are hashes of files."""
     size = int.from_bytes(content[:8], "little")
     header = json.dumps(json.loads(content[8 : 8 + size]), sort_keys=True, separators=(",", ":")).encode()
     header += b" " * (-len(header) % 8)

@@ -1,6 +1,6 @@
-"""torch's optimisers without its compiler, which they import on their first call: a second of every recovery, and nothing here is compiled.
+"""torch's optimisers without torch's compiler, which they import on their first call: it costs every recovery a second for nothing.
 
-What they wrap tells that compiler to keep out; the arithmetic is theirs, to the last bit.
+The wrappers that are removed here only tell that compiler to stay out; the arithmetic is torch's own, to the last bit.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Asking a field at many points, and writing it for other programs: NPZ, PLY and FGA."""
+"""Sampling a field at many points, and exporting it for other programs: NPZ, PLY and FGA."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .force_field import ForceField
 POINTS = "Save them with numpy.save in metres: (N, 3) with a frame, or (T, N, 3), one row per frame."
 FORMATS = ("npz", "ply", "fga", "vdb")
 NODES = 24
-"""Lattice nodes along the box's longest side."""
+"""Default number of lattice nodes along the box's longest side."""
 
 
 def sample_points(
@@ -44,7 +44,7 @@ def sample_points(
 
 
 def distances(field: ForceField, points: np.ndarray, frame: int | None = None) -> np.ndarray:
-    """How far points are from the filmed object, (N,) or (T, N) [m]; arguments and errors as `sample_points`."""
+    """Distance of points from the filmed object, (N,) or (T, N) [m]; arguments and errors as in `sample_points`."""
     points = _checked(field, points, frame)
     if frame is not None:
         return field.away(points, frame)[0]
@@ -106,8 +106,8 @@ def export_field(
         The files written.
 
     Raises:
-        UsageError: for an unknown format, a path without a name, a file in the folder's place, and for VDB, whose library cannot be had
-            here.
+        UsageError: for an unknown format, a path without a name, a file where the folder should be, and for VDB, whose library is not
+            available here.
         TakeError: when `out` cannot be written.
     """
     if kind not in FORMATS:
@@ -120,7 +120,7 @@ def export_field(
     out, (points, shape) = Path(out), lattice(field.box, nodes)
     if kind == "npz":
         if not out.name:
-            raise UsageError(f"'{out}' is no file's name.", "--out must be a path such as field.npz.")
+            raise UsageError(f"'{out}' is not a file's name.", "--out must be a path such as field.npz.")
         values = sample_points(field, np.broadcast_to(points, (field.frames, *points.shape)), None, progress)
         name = out.name if out.suffix == ".npz" else out.name + ".npz"
         arrays = {"points": points, "shape": np.array(shape), "force_density": values[0], "confidence": values[1]}
@@ -159,7 +159,7 @@ def _ply(field: ForceField, points: np.ndarray, frame: int, wind: ForceField | N
 
 
 def _fga(field: ForceField, points: np.ndarray, shape: tuple[int, int, int], frame: int) -> bytes:
-    # FGA: counts, lower corner, upper corner, then vectors with x fastest. A mirrored Y runs its rows backwards.
+    # FGA: counts, lower corner, upper corner, then vectors with x fastest. As Y is mirrored, its rows are reversed.
     force, _ = field.sample(points, frame)
     mirror = np.array([1.0, -1.0, 1.0])
     force = force.reshape(shape[2], shape[1], shape[0], 3)[:, ::-1].reshape(-1, 3) * mirror

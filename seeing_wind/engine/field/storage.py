@@ -1,4 +1,4 @@
-"""Fields from files."""
+"""Reading fields from files."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ REPRESENTATIONS: dict[str, type[ForceField]] = {
     cls.representation: cls
     for cls in (ForceFieldTriPlane, ForceFieldKPlanes, ForceFieldPoint, ForceFieldAnalytic, ForceFieldLattice)
 }
-"""Every class that a field file can name."""
+"""Every class that a field file can contain, by its name in the file."""
 
 
 def load_field(path: str | PathLike[str]) -> ForceField:
-    """Read a field that `ForceField.save` wrote. Nothing in the file can execute code.
+    """Read a field written by `ForceField.save`. Nothing in the file can execute code.
 
     Raises:
         WrongTake: when the file is missing, damaged, incomplete, of another version, or holds numbers that are not finite.
@@ -40,8 +40,8 @@ def load_field(path: str | PathLike[str]) -> ForceField:
         with safe_open(path, framework="numpy") as file:
             metadata = file.metadata() or {}
             tensors = {key: file.get_tensor(key) for key in file.keys()}
-    except (OSError, SafetensorError, ValueError, TypeError, AttributeError, MemoryError) as error:  # the last but one: types NumPy lacks
-        raise WrongTake(f"{path} is no readable field: {error}.", again) from error
+    except (OSError, SafetensorError, ValueError, TypeError, AttributeError, MemoryError) as error:  # AttributeError: types NumPy lacks
+        raise WrongTake(f"{path} cannot be read as a field: {error}.", again) from error
     try:
         name, version, units, kind = metadata["representation"], int(metadata["version"]), metadata["units"], metadata.get("kind", "force")
         if version > VERSION or units != UNITS.get(kind) or name not in REPRESENTATIONS:
@@ -54,4 +54,4 @@ def load_field(path: str | PathLike[str]) -> ForceField:
         field.kind = kind
         return field
     except (KeyError, ValueError, TypeError, RuntimeError, OverflowError, UsageError) as error:
-        raise WrongTake(f"{path} is no field that this version knows: {error}.", again) from error
+        raise WrongTake(f"{path} is not a field that this version can read: {error}.", again) from error

@@ -1,4 +1,4 @@
-"""How many threads torch takes: one where tensors are small."""
+"""The number of threads that torch uses: one where tensors are small."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import torch
 
 @contextlib.contextmanager
 def one_torch_thread() -> Iterator[None]:
-    """Torch on one thread, inside or, as a decorator, within a function.
+    """Torch on one thread within a block or, as a decorator, within a function.
 
-    The threads of a pool mostly wait for each other then, on the spot: six times slower on a busy machine, and even on an idle one the
-    solver's own threads miss the cores that they wait on. The result does not depend on the number of cores, either.
+    With small tensors the threads of a pool mostly spin while they wait for each other: six times slower on a busy machine, and even on an
+    idle one they take cores that the solver's own threads need. With one thread the result does not depend on the number of cores, either.
     """
     with torch_threads(1):
         yield
@@ -21,7 +21,7 @@ def one_torch_thread() -> Iterator[None]:
 
 @contextlib.contextmanager
 def torch_threads(count: int) -> Iterator[None]:
-    """So many of them inside."""
+    """Torch on `count` threads within a block."""
     before = torch.get_num_threads()
     torch.set_num_threads(count)
     try:

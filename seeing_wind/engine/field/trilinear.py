@@ -1,4 +1,4 @@
-"""Values on a regular lattice that fills a box, linear between its nodes; beside the box those of its nearest place."""
+"""Trilinear interpolation on a regular lattice that fills a box; outside the box, the value at the nearest place of the box."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 
 
 def value_at(values: np.ndarray, box: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Values (A, B, C, ...) of the nodes of a box (2, 3) -> (P, ...) at points (P, 3)."""
+    """Values (P, ...) at points (P, 3), from `values` (A, B, C, ...) at the nodes of a box (2, 3)."""
     corner, t, _ = _cells(values, box, points)
     found = np.zeros((len(points), *values.shape[3:]))
     for offset in np.ndindex(2, 2, 2):
@@ -16,7 +16,7 @@ def value_at(values: np.ndarray, box: np.ndarray, points: np.ndarray) -> np.ndar
 
 
 def slope_at(values: np.ndarray, box: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """The derivatives (P, ..., 3) of `value_at` by the place; zero along an axis beyond whose end a point is."""
+    """Derivatives (P, ..., 3) of `value_at` with respect to the point; zero along an axis on which the point lies outside the box."""
     corner, t, size = _cells(values, box, points)
     found = np.zeros((len(points), *values.shape[3:], 3))
     within = (points >= box[0]) & (points <= box[1])
@@ -30,7 +30,7 @@ def slope_at(values: np.ndarray, box: np.ndarray, points: np.ndarray) -> np.ndar
 
 
 def _cells(values: np.ndarray, box: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """First node (P, 3) of the cell of each point, its place (P, 3) in the cell in 0..1, and a cell's size (3,)."""
+    """First node (P, 3) of each point's cell, the point's place (P, 3) in the cell, 0..1, and the size (3,) of a cell."""
     counts = np.array(values.shape[:3])
     where = np.clip((points - box[0]) / (box[1] - box[0]), 0.0, 1.0) * (counts - 1)
     corner = np.minimum(where.astype(int), counts - 2)

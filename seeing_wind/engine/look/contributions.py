@@ -1,4 +1,4 @@
-"""How much every Gaussian adds to every pixel, as a sparse matrix: with shapes and opacities fixed, a frame is linear in the colours."""
+"""What every Gaussian contributes to every pixel, as a sparse matrix: with fixed shapes and opacities, a frame is linear in the colours."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ LEAST = 2e-3
 
 
 def contributions(gaussians: Gaussians, camera: Camera, x: np.ndarray, F: np.ndarray) -> tuple[sparse.csr_matrix, np.ndarray]:
-    """Blending weights of Gaussians that are carried by particles, as `splatting.blend` has them.
+    """Blending weights, as in `splatting.blend`, of Gaussians that move with particles.
 
     Args:
-        camera: standing still; x: (N, 3) particle positions [m]; F: (N, 3, 3) their deformation gradients.
+        camera: one that stands still; x: (N, 3) particle positions [m]; F: (N, 3, 3) their deformation gradients.
 
     Returns:
-        (H W, G) weights, float32, pixels row by row; and (H W, 1) what passes of the background.
+        (H W, G) weights, float32, pixels row by row; and (H W, 1) the share of the background that remains visible.
     """
     pixels, count = camera.height * camera.width, len(gaussians.x)
     behind = np.ones((pixels, 1), np.float32)

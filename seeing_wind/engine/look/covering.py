@@ -1,4 +1,4 @@
-"""Gaussians for parts of the surface that others leave bare: what only a further view or a later frame shows."""
+"""Gaussians for parts of the surface that have none yet, because only a further view or a later frame shows them."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from ..records import Attachment, Body, Camera, Gaussians
 from .gaussians import COUNT, FLATTENING, INITIAL_OPACITY, INITIAL_SIGMA, SH0
 
 COVERED = 1.2
-"""A place is shown already where a Gaussian of its side lies within this many of the new ones' distances."""
+"""A place is covered if a Gaussian on the same side of the surface lies within this many times the spacing of the new Gaussians."""
 
 APART = 2.0
-"""The two sides of a thin leaf are told apart by moving places out along their normals by this many of those distances."""
+"""To tell the two sides of a thin leaf apart, places are moved out along their normals by this many times that spacing."""
 
 
-def uncovered(
+def cover_bare_surface(
     body: Body, gaussians: Gaussians, camera: Camera, mask: np.ndarray, image: np.ndarray, frame: int = 0, x: np.ndarray | None = None
 ) -> Gaussians:
-    """Flat Gaussians on the part of the surface that a frame shows and `gaussians` do not cover, with its colours.
+    """Flat Gaussians, with the frame's colours, on the part of the surface that a frame shows and `gaussians` do not cover.
 
     Args:
-        mask: (H, W) bool, the object in frame `frame` of `camera`; image: (H, W, 3) uint8 RGB, that frame; x: (N, 3) the particles
-        then [m], None for rest.
+        mask: (H, W) bool, the object in frame `frame` of `camera`; image: (H, W, 3) uint8 RGB, that frame; x: (N, 3) particle positions
+            in that frame [m], None for rest.
 
     Returns:
         Gaussians at rest, attached to the body's particles; possibly none.
@@ -57,10 +57,10 @@ def uncovered(
 
 
 def _frames(right: np.ndarray, down: np.ndarray, normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Axes of the ellipses that pixels cover on a surface, from two conjugate half-axes (S, 3) each.
+    """Axes of the ellipses that pixels cover on a surface, from two conjugate half-axes `right` and `down` (S, 3) [m].
 
     Returns:
-        (S, 3, 3) with columns short axis, long axis, normal, right-handed; and (S, 2) the lengths of the two [m].
+        (S, 3, 3) with columns short axis, long axis, normal, right-handed; and (S, 2) the lengths of the two axes [m].
     """
     e1 = right / np.maximum(np.linalg.norm(right, axis=1, keepdims=True), 1e-15)
     e2 = np.cross(normal, e1)
@@ -72,7 +72,7 @@ def _frames(right: np.ndarray, down: np.ndarray, normal: np.ndarray) -> tuple[np
 
 
 def joined(first: Gaussians, second: Gaussians) -> Gaussians:
-    """Both sets as one; harmonics that only one has are zero in the other, and so are weights of particles where fewer carry it."""
+    """Both sets as one, padded with zeros where one has fewer harmonics, or fewer particles per Gaussian, than the other."""
     if len(second.x) == 0:
         return first
     count = max(first.sh.shape[1], second.sh.shape[1])

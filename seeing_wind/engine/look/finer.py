@@ -1,4 +1,4 @@
-"""Finer Gaussians where the clip shows more than frame 0 had room for: its cap on their number, a side that was slanted or far."""
+"""Finer Gaussians where the clip shows more detail than those of frame 0: their number was limited, and some sides were slanted or far."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from .covering import joined
 from .gaussians import blended_gradients
 
 LIMIT = 1.0
-"""Standard deviation [px] up to which a Gaussian stays whole: finer ones cost time and show no more."""
+"""Standard deviation [px] up to which a Gaussian is not split: finer ones take time and show no more."""
 
 APART, SHRUNK = 0.5, 0.5
-"""Where the halves of a Gaussian lie, on either side, and how wide they are, in its standard deviations: narrower than would keep the
-blob as it was, because it was too wide for the texture. The colours are fitted afterwards."""
+"""Distance of the two halves from the centre of the Gaussian, and their width, in its standard deviations. They are narrower than would
+preserve its shape, because it was too wide for the texture. The colours are fitted afterwards."""
 
 
 def finer(gaussians: Gaussians, particles_x: np.ndarray, camera: Camera, motion: Iterable[tuple[int, np.ndarray, np.ndarray]]) -> Gaussians:
-    """Gaussians halved along each of their two longer axes that some frame shows wider than `LIMIT`.
+    """The Gaussians, each split in two along those of its two longer axes that some frame shows wider than `LIMIT`.
 
     Args:
-        particles_x: (N, 3) [m] at rest; motion: the frames' numbers, particles (N, 3) [m] and deformation gradients (N, 3, 3) in them.
+        particles_x: (N, 3) [m] at rest; motion: for some frames, the number, particles (N, 3) [m] and deformation gradients (N, 3, 3).
 
     Returns:
-        Gaussians at rest, attached to the particles: those that stay whole, in their order, then the parts of the others.
+        Gaussians at rest, attached to the particles: those that are not split, in their order, then the parts of the others.
     """
     axes = Rotation.from_quat(gaussians.rotation[:, [1, 2, 3, 0]]).as_matrix() * gaussians.scale[:, None, :]
     long = np.argsort(gaussians.scale, axis=1)[:, 1:]
@@ -51,7 +51,7 @@ def finer(gaussians: Gaussians, particles_x: np.ndarray, camera: Camera, motion:
 
 
 def _subset(gaussians: Gaussians, rows: np.ndarray) -> Gaussians:
-    """The Gaussians (G,) bool of a set."""
+    """The Gaussians of a set that are marked in `rows` (G,) bool."""
     ride = Attachment(gaussians.attachment.index[rows], gaussians.attachment.weight[rows])
     plain = {name: getattr(gaussians, name)[rows] for name in ("x", "scale", "rotation", "opacity", "sh")}
     return Gaussians(**plain, attachment=ride)

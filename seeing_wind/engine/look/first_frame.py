@@ -1,4 +1,4 @@
-"""The look of the Gaussians in frame 0: scales, opacities and colours by splatting, on one or several posed frames (section 3.1)."""
+"""The look of the Gaussians in frame 0: scales, opacities and colours fitted by splatting to one or several posed frames (section 3.1)."""
 
 from __future__ import annotations
 
@@ -16,34 +16,34 @@ from ..observe.object import Built, SheetBuilt
 from ..observe.object.shape.relief import clean_mask
 from ..progress import Progress
 from ..records import Body, Camera, Gaussians, Observation
-from .covering import joined, uncovered
+from .covering import cover_bare_surface, joined
 from .gaussians import SH0, Crop, pixel_aligned
 from .splatting import Tiles, blend, project, tiles_of
 
 POOR_LOOK = 25.0
-"""PSNR [dB] under which the user is told that the Gaussians do not show the object well."""
+"""PSNR [dB] below which the user is warned that the Gaussians do not reproduce the object well."""
 FIT_PIXELS = 60_000
-"""A mask's box of more pixels is reduced by an integer factor for the fit."""
+"""A mask's box with more pixels is reduced by an integer factor for the fit."""
 MARGIN = 4
-"""Pixels round the mask's box that the fit sees, so that Gaussians do not bleed over the outline."""
+"""Pixels around the mask's box that are fitted, too, so that Gaussians do not bleed over the outline."""
 ITERATIONS = 40
 RENEW = 15
-"""The tiles' lists are made anew after this many iterations, as scales have changed."""
+"""The tiles' lists are rebuilt after this many iterations, because scales have changed."""
 LEARNING_RATES = {"scale": 0.06, "opacity": 0.1, "sh": 0.08}
-"""Adam's, for the logarithm of the scale, the logit of the opacity and the degree-0 harmonics."""
+"""Adam's learning rates for the logarithm of the scale, the logit of the opacity and the degree-0 harmonics."""
 FIRST = 4.0
-"""Weight of the first of several frames: its camera's clip is what the object is put back into."""
+"""Weight of the first of several frames: the object is put back into the clip of its camera."""
 ALPHA_WEIGHT = 0.2
-"""Weight of the silhouette's squared error against the colours'."""
+"""Weight of the silhouette's squared error relative to that of the colours."""
 
 
 def dress(built: Built | SheetBuilt, observation: Observation, progress: Progress) -> Body:
-    """The body with Gaussians that show frame 0 as the clip has it."""
+    """The body with Gaussians fitted to frame 0 of the clip."""
     rough = pixel_aligned(built.relief, observation.image, built.particles.x)
     view = View(built.relief.camera, built.relief.mask, observation.image, observation.background)
     gaussians, quality = fit(rough, [view], progress)
     if quality < POOR_LOOK:
-        progress.warn(f"The Gaussians show the object with {quality:.1f} dB only; forces do not depend on it.")
+        progress.warn(f"The Gaussians reproduce the object with only {quality:.1f} dB; forces do not depend on them.")
     progress.update(1.0, f"{len(gaussians.x)} Gaussians, {quality:.1f} dB", psnr=round(quality, 2))
     return built.body(gaussians)
 
@@ -58,7 +58,7 @@ class View:
     image: np.ndarray
     """(H, W, 3) uint8 RGB."""
     behind: np.ndarray
-    """(H, W, 3) uint8 RGB, the background alone, over which pixels of the outline are mixed."""
+    """(H, W, 3) uint8 RGB, the background alone, with which pixels of the outline are blended."""
 
 
 @one_torch_thread()
@@ -66,10 +66,10 @@ def fit(gaussians: Gaussians, views: Sequence[View], progress: Progress, iterati
     """Optimise {Sigma^0, sigma, SH} by splatting (paper, section 3.1): scales, opacities and colours, by Adam.
 
     Args:
-        views: frames of several posed cameras at one moment, of which only the masks' boxes are rendered.
+        views: frames of several posed cameras at the same moment; only the masks' boxes are rendered.
 
     Returns:
-        the Gaussians and their PSNR inside the first view's mask [dB], over what is behind.
+        the Gaussians and their PSNR inside the first view's mask [dB], rendered over the background.
     """
     targets = [_target(view) for view in views]
     axes = torch.from_numpy(_axes(gaussians)).float()
@@ -124,7 +124,7 @@ def fit(gaussians: Gaussians, views: Sequence[View], progress: Progress, iterati
 
 
 def _axes(gaussians: Gaussians) -> np.ndarray:
-    """(G, 3, 3) unit axes as columns."""
+    """(G, 3, 3) the unit axes of the Gaussians as columns."""
     return Rotation.from_quat(gaussians.rotation[:, [1, 2, 3, 0]]).as_matrix()
 
 
@@ -136,18 +136,18 @@ def _psnr(error: torch.Tensor, cover: torch.Tensor) -> float:
 
 
 def _target(view: View) -> tuple[Camera, torch.Tensor, torch.Tensor, torch.Tensor]:
-    """Camera, object over background (h, w, 3), background (h, w, 3) and cover (h, w) of the mask's box, reduced by block means."""
+    """Camera, object over background (h, w, 3), background (h, w, 3) and coverage (h, w) in the mask's box, reduced by block means."""
     crop = Crop.around(view.mask, view.camera, 0, MARGIN, FIT_PIXELS)
     cover = crop.cut(view.mask).astype(np.float32)[..., None]
     behind = crop.cut(view.behind).astype(np.float32) / 255.0
-    # Off the object the background itself is wanted: other differences to it, shadows, are not the Gaussians' to show.
+    # Outside the object the target is the background itself: other differences from it, such as shadows, are not for the Gaussians.
     target = cover * crop.cut(view.image).astype(np.float32) / 255.0 + (1.0 - cover) * behind
     shown, plain, covered = (torch.from_numpy(crop.reduced(part)) for part in (target, behind, cover))
     return crop.camera, shown, plain, covered[..., 0]
 
 
 def with_views(body: Body, first: Observation, further: Sequence[Observation], progress: Progress) -> tuple[Body, float]:
-    """The body, built from the first view, with Gaussians for all that frame 0 of any view shows, fitted on all of them.
+    """The body, built from the first view, with Gaussians for everything that frame 0 of any view shows, fitted to all views.
 
     Returns:
         the body, and the PSNR inside the first view's mask [dB].
@@ -158,6 +158,6 @@ def with_views(body: Body, first: Observation, further: Sequence[Observation], p
     views = [View(one.camera, clean_mask(one.masks[0]), one.image, one.background) for one in (first, *further)]
     gaussians = body.gaussians
     for view in views[1:]:
-        gaussians = joined(gaussians, uncovered(body, gaussians, view.camera, view.mask, view.image))
+        gaussians = joined(gaussians, cover_bare_surface(body, gaussians, view.camera, view.mask, view.image))
     fitted, quality = fit(gaussians, views, progress)
     return dataclasses.replace(body, gaussians=fitted), quality

@@ -15,23 +15,24 @@ from ..observe.object.shape.relief import MAX_SLANT, Relief, sample
 from ..records import Camera, Gaussians
 
 COUNT = 12000
-"""Gaussians of an object with more pixels than this; smaller objects have one per pixel."""
+"""Number of Gaussians of an object with more pixels than this; a smaller object has one per pixel."""
 
 SH0 = 0.28209479177387814
 """The constant spherical harmonic, 1 / (2 sqrt(pi)): colour = 0.5 + SH0 * sh[0]."""
 
 INITIAL_OPACITY = 0.9
 INITIAL_SIGMA = 0.45
-"""Standard deviation along the surface in units of the distance of neighbours."""
+"""Standard deviation along the surface, over the distance between neighbours."""
 FLATTENING = 0.2
-"""Standard deviation across the surface in units of the smaller one along it: pixels see a surface, not a volume."""
+"""Standard deviation normal to the surface, over the smaller one along it: pixels show a surface, not a volume."""
 
 
 def pixel_aligned(relief: Relief, image: np.ndarray, particles_x: np.ndarray, count: int = COUNT) -> Gaussians:
     """Gaussians G^0 from the pixels' point cloud: flat discs on the visible surface with the frame's colours.
 
     Args:
-        image: (H, W, 3) uint8 RGB, frame 0; particles_x: (N, 3) what the Gaussians ride on [m]; count: at most about this many.
+        image: (H, W, 3) uint8 RGB, frame 0; particles_x: (N, 3) the particles that the Gaussians are attached to [m]; count: at most
+            about this many.
     """
     stride = max(1.0, float(np.sqrt(relief.mask.sum() / count)))
     if stride == 1.0:
@@ -58,7 +59,7 @@ def surface_frames(relief: Relief, xy: np.ndarray) -> tuple[np.ndarray, np.ndarr
     """Local frames of the visible surface at pixels (G, 2).
 
     Returns:
-        frames (G, 3, 3) with columns tangent, tangent, normal (towards the camera), and size (G, 2), metres per pixel along the tangents.
+        frames (G, 3, 3) with columns tangent, tangent, normal (towards the camera); and size (G, 2), metres per pixel along the tangents.
     """
     smooth = ndimage.gaussian_filter(relief.front, 1.0)
 
@@ -92,7 +93,7 @@ def covariances(gaussians: Gaussians, F: np.ndarray) -> np.ndarray:
 def blended_gradients(gaussians: Gaussians, F: np.ndarray) -> np.ndarray:
     """Deformation gradients (G, 3, 3) of the Gaussians from those of the particles (N, 3, 3), by their attachment's weights."""
     index, weight = gaussians.attachment.index, gaussians.attachment.weight
-    # As a sparse product: gathering 16 gradients for every Gaussian takes several times as long.
+    # A sparse product, because gathering 16 gradients for every Gaussian takes several times as long.
     ride = sparse.csr_matrix((weight.ravel(), index.ravel(), np.arange(0, index.size + 1, index.shape[1])), (len(index), len(F)))
     return (ride @ np.asarray(F).reshape(-1, 9)).reshape(-1, 3, 3)
 
@@ -104,7 +105,7 @@ def rest_covariances(gaussians: Gaussians) -> np.ndarray:
 
 
 def _colours(image: np.ndarray, mask: np.ndarray, xy: np.ndarray, stride: float) -> np.ndarray:
-    """(G, 3) mean colour of the object's pixels about a stride wide around pixels (G, 2)."""
+    """(G, 3) mean colour of the object's pixels around pixels (G, 2), over about the width of a stride."""
     width = max(0.3 * stride, 0.1)
     weight = ndimage.gaussian_filter(mask.astype(float), width) + 1e-9
     channels = [ndimage.gaussian_filter(np.where(mask, image[..., c] / 255.0, 0.0), width) / weight for c in range(3)]
@@ -116,14 +117,14 @@ class Crop:
     """A part of a frame, reduced by an integer factor."""
 
     camera: Camera
-    """Of the reduced part."""
+    """The camera of the reduced part."""
     box: tuple[int, int, int, int]
     """x0, y0, x1, y1 [px], ends exclusive."""
     reduce: int
 
     @staticmethod
     def around(mask: np.ndarray, camera: Camera, frame: int, margin: int, pixels: int) -> Crop:
-        """The box of a mask (H, W) bool, `margin` wider, reduced to at most about `pixels`."""
+        """The box of a mask (H, W) bool, widened by `margin` [px], reduced to at most about `pixels`."""
         x0, y0, x1, y1 = box_of(mask, margin)
         reduce = max(1, int(np.ceil(np.sqrt((x1 - x0) * (y1 - y0) / pixels))))
         return Crop(view_camera(camera, (x0, y0, x1, y1), reduce, frame), (x0, y0, x1, y1), reduce)
@@ -133,7 +134,7 @@ class Crop:
         return image[rows_columns(self.box)]
 
     def reduced(self, part: np.ndarray) -> np.ndarray:
-        """Means (h, w, channels) over blocks of pixels of what was cut out."""
+        """Means (h, w, channels) over blocks of pixels of a `part` returned by `cut`."""
         height, width, reduce = self.camera.height, self.camera.width, self.reduce
         return part[: height * reduce, : width * reduce].reshape(height, reduce, width, reduce, -1).mean(axis=(1, 3))
 

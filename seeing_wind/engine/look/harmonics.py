@@ -1,8 +1,8 @@
-"""Colours of Gaussians that depend on the direction they are seen from, and how they turn with the body.
+"""Colours of Gaussians that depend on the viewing direction, and how they turn with the body.
 
-Real spherical harmonics up to degree 3 with the signs and the order of Kerbl et al. 2023, "3D Gaussian splatting", as their PLY files
-have them. A Gaussian that the body turns by R (the polar rotation of its F) shows towards d what it showed at rest towards R^T d; a
-stretch does not turn it (Xie et al. 2024, "PhysGaussian", section 3.5).
+Real spherical harmonics up to degree 3 with the signs and the order of Kerbl et al. 2023, "3D Gaussian splatting", as in their PLY files.
+A Gaussian that the body turns by R (the polar rotation of its F) has in the direction d the colour that it had at rest in the direction
+R^T d; a stretch does not turn it (Xie et al. 2024, "PhysGaussian", section 3.5).
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ _SH3 = (
 )  # fmt: skip
 
 NEWTON, CLOSE = 12, 1e-9
-"""Newton's iterations at most, and how far from a rotation they may end: what is not that close, flattened or mirrored, is left to SVDs."""
+"""Newton iterations, at most, and how far from a rotation they may end; matrices that end farther off (flattened, mirrored) get an SVD."""
 
 
 def harmonics(directions: np.ndarray, bands: int) -> np.ndarray:
-    """Values (..., bands) of the first `bands` (1, 4, 9 or 16) harmonics towards unit vectors (..., 3)."""
+    """Values (..., bands) of the first `bands` (1, 4, 9 or 16) harmonics in the directions of unit vectors (..., 3)."""
     x, y, z = np.moveaxis(np.asarray(directions, dtype=np.float64), -1, 0)
     values = [np.full_like(x, SH0), -_SH1 * y, _SH1 * z, -_SH1 * x]
     if bands > 4:
@@ -41,8 +41,8 @@ def harmonics(directions: np.ndarray, bands: int) -> np.ndarray:
 
 
 def polar_rotations(F: np.ndarray) -> np.ndarray:
-    """The rotation R of each F = R S, (..., 3, 3); the nearest one for an F that mirrors."""
-    # Newton's iteration (N. J. Higham, Computing the polar decomposition, 1986) on all at once: a third of the time of as many SVDs.
+    """The rotation R of each F = R S, (..., 3, 3); the nearest rotation for an F that mirrors."""
+    # Newton's iteration (N. J. Higham, Computing the polar decomposition, 1986) on all at once takes a third of the time of as many SVDs.
     R = np.asarray(F, dtype=np.float64)
     for _ in range(NEWTON):
         cofactors = _cofactors(R)
@@ -67,7 +67,7 @@ def _cofactors(M: np.ndarray) -> np.ndarray:
 
 
 def seen_colours(gaussians: Gaussians, x: np.ndarray, eye: np.ndarray, F: np.ndarray | None = None) -> np.ndarray:
-    """RGB (G, 3) in 0..1 of Gaussians centred at x (G, 3) [m] from a camera at `eye` (3,) [m].
+    """RGB (G, 3) in 0..1 of Gaussians centred at x (G, 3) [m], seen from a camera at `eye` (3,) [m].
 
     Args:
         F: (N, 3, 3) deformation gradients of the particles; None for a body that has not turned.

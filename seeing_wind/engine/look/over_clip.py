@@ -1,12 +1,12 @@
-"""The look of the body over the whole clip: Gaussians for what later frames show, and colours that fit all of them.
+"""The look of the body over the whole clip: Gaussians for what later frames show, and colours that fit all frames.
 
-Frame 0 shows one side of the body in one light. Once the motion is known, every frame says more: sides that turn into view, texture
-that was foreshortened, and how the light on a surface changes as it turns. Light that stands still in the room falls on a matt surface
-by second-degree harmonics of its normal, to within a percent (R. Ramamoorthi and P. Hanrahan, An efficient representation for irradiance
-environment maps, 2001). Seen by a camera that stands still, too, a Gaussian's turn is told by the direction it is seen from in the body's
-axes, so the harmonics of the Gaussians can hold that light. The motion is given and is not touched.
+Frame 0 shows one side of the body in one light. Once the motion is known, every frame adds information: sides that turn into view, texture
+that was foreshortened, and how the light on a surface changes as it turns. Under light that stands still, the irradiance of a matt surface
+is a function of its normal that second-degree harmonics represent to within a percent (R. Ramamoorthi and P. Hanrahan, An efficient
+representation for irradiance environment maps, 2001). If the camera stands still, too, the viewing direction in the body's axes determines
+how a Gaussian has turned, so the Gaussians' harmonics can represent that light. The motion is given and is not changed.
 
-With shapes and opacities fixed a frame is linear in these harmonics: they are found by least squares, by conjugate gradients.
+With fixed shapes and opacities a frame is linear in these harmonics; they are found by least squares, with conjugate gradients.
 """
 
 from __future__ import annotations
@@ -25,37 +25,37 @@ from ..masks import Masks, areas
 from ..progress import NoProgress, Progress
 from ..records import Body, Camera, Gaussians, Recovery
 from .contributions import contributions
-from .covering import joined, uncovered
+from .covering import cover_bare_surface, joined
 from .finer import finer
 from .gaussians import Crop, blended_gradients
 from .harmonics import harmonics, polar_rotations
 
 FITTED = 25
-"""Frames of the clip that are fitted, spread evenly. Others come out 0.5 dB worse where the motion is right, and up to 3 dB where it is
-some pixels off, as colours that depend on the direction take up a part of that."""
+"""Frames of the clip that are fitted, evenly spread. The other frames are 0.5 dB worse where the motion is right, and up to 3 dB where it
+is some pixels off, because colours that depend on the direction partly absorb such an error in the fitted frames."""
 
 SIGHTS = 12
-"""Of these, how many are searched for surface without Gaussians, spread evenly."""
+"""How many of these frames, evenly spread, are searched for surface without Gaussians."""
 
 FIT_PIXELS = 200_000
-"""An object's box of more pixels is reduced by an integer factor for the fit. What is fitted to means of pixels has speckles finer than
-them: a ball that swelled beyond 60 000 pixels had a structural similarity of 0.91 with that limit, and 0.95 without."""
+"""An object's box with more pixels is reduced by an integer factor for the fit. A fit to means of pixels has speckles finer than these
+means: a ball that grew beyond 60 000 pixels had a structural similarity of 0.91 with that limit, and 0.95 without."""
 
 MARGIN = 8
-"""Pixels round the object's box that are fitted."""
+"""Pixels around the object's box that are fitted, too."""
 
 BANDS = 9
-"""Harmonics of a Gaussian: degree 2."""
+"""Harmonics of a Gaussian: up to degree 2."""
 
 STAY, PLAIN = 0.001, 0.001
-"""Squared weights, in units of a pixel that a Gaussian fills, that hold its colour where it was and its higher harmonics at zero."""
+"""Squared weights, in units of a pixel that a Gaussian fills, that keep its colour near the former one and its higher harmonics near 0."""
 
 OFF = 10.0
-"""Residual of the motion [px] at which a frame counts half: where the body is not where it was filmed, it would only be blurred.
-Smaller ones tell of tracks that went astray, on a sheet seen edge-on, as often as of a body that did."""
+"""Residual of the motion [px] at which a frame has half the weight: where the simulated body is not where it was filmed, the fit would only
+blur it. Smaller residuals come as often from lost tracks, as on a sheet seen edge-on, as from a body in the wrong place."""
 
 ITERATIONS = 40
-"""Of the conjugate gradients: 60 more bring the fit 0.1 dB closer, and took half of the time of a report."""
+"""Iterations of conjugate gradients: 60 more improve the fit by 0.1 dB, but took half of the time of a report."""
 
 
 Box = tuple[int, int, int, int]
@@ -64,7 +64,7 @@ Box = tuple[int, int, int, int]
 
 @dataclass(frozen=True)
 class Footage:
-    """What one camera filmed."""
+    """The frames of one camera, with masks and background."""
 
     camera: Camera
     frame: Callable[[int], np.ndarray]
@@ -72,7 +72,7 @@ class Footage:
     masks: Masks
     """(T+1, H, W) bool, the object."""
     behind: Callable[[int, np.ndarray, Box], np.ndarray]
-    """The background (h, w, 3) uint8 RGB in a box of frame t, from t, that frame and the box."""
+    """(t, frame t, box) -> the background (h, w, 3) uint8 RGB in that box of frame t."""
 
 
 @dataclass(frozen=True)
@@ -83,22 +83,23 @@ class _Equations:
     weights: sparse.csr_matrix
     """(P, G)."""
     colour: np.ndarray
-    """(P, 3) the frame without what is seen of the background and without the grey that colours are counted from."""
+    """(P, 3) the frame less the visible background and less the constant 0.5 to which the harmonics are added."""
     harmonics: np.ndarray
     """(BANDS, G)."""
 
 
 def frames_fitted(masks: Masks, recovery: Recovery) -> np.ndarray:
-    """The frames that `fit_appearance` uses, possibly none: spread over those that show the object and have a residual."""
+    """The frames that `fit_appearance` uses, possibly none: evenly spread over those that show the object and have a residual."""
     usable = (areas(masks[: len(recovery.x)]) > 0) & np.isfinite(recovery.residual)
     return spread_over(np.flatnonzero(usable), FITTED)
 
 
 def fit_appearance(body: Body, recovery: Recovery, footage: Footage, progress: Progress = NoProgress()) -> Gaussians:
-    """The body's Gaussians with the look of the whole clip along the recovered motion.
+    """The body's Gaussians with a look fitted to the whole clip along the recovered motion.
 
     Returns:
-        at least the body's own Gaussians, with degree-2 harmonics; `body.gaussians` unchanged where no frame can be used.
+        Gaussians with harmonics up to degree 2, among them ones for surface that the body's own did not cover; `body.gaussians`
+        unchanged if no frame can be used.
     """
     chosen = frames_fitted(footage.masks, recovery)
     if not len(chosen):
@@ -107,7 +108,7 @@ def fit_appearance(body: Body, recovery: Recovery, footage: Footage, progress: P
     with one_torch_thread():
         for t in spread_over(chosen, SIGHTS):
             progress.check()
-            new = uncovered(body, gaussians, footage.camera, footage.masks[t], footage.frame(int(t)), int(t), recovery.x[t])
+            new = cover_bare_surface(body, gaussians, footage.camera, footage.masks[t], footage.frame(int(t)), int(t), recovery.x[t])
             gaussians = joined(gaussians, new)
         motion = ((int(t), recovery.x[t], recovery.F[t]) for t in spread_over(chosen, SIGHTS))
         gaussians = finer(gaussians, body.particles.x, footage.camera, motion)
@@ -127,7 +128,7 @@ def spread_over(frames: np.ndarray, count: int) -> np.ndarray:
 
 
 def _equations(gaussians: Gaussians, footage: Footage, t: int, x: np.ndarray, F: np.ndarray, trust: float) -> _Equations:
-    """The frame's box round the object, reduced to at most about `FIT_PIXELS`."""
+    """The equations of frame t, for the box around the object, reduced to at most about `FIT_PIXELS`."""
     crop = Crop.around(footage.masks[t], footage.camera, t, MARGIN, FIT_PIXELS)
 
     def reduced(part: np.ndarray) -> np.ndarray:
@@ -144,9 +145,9 @@ def _equations(gaussians: Gaussians, footage: Footage, t: int, x: np.ndarray, F:
 
 
 def _fit_harmonics(gaussians: Gaussians, equations: list[_Equations], progress: Progress) -> np.ndarray:
-    """Harmonics (G, BANDS, 3) of least squares, drawn to the Gaussians' own colours and to no higher harmonics."""
+    """Least-squares harmonics (G, BANDS, 3), regularised towards the Gaussians' own colours and towards zero higher harmonics."""
     count = len(gaussians.x)
-    # Gaussians last: loops over them are the long ones, and NumPy's innermost axis should be.
+    # The axis of the Gaussians comes last, because NumPy's innermost axis should be the longest.
     start = np.zeros((max(BANDS, gaussians.sh.shape[1]), 3, count), np.float32)
     start[: gaussians.sh.shape[1]] = gaussians.sh.transpose(1, 2, 0)
     start = np.ascontiguousarray(start[:BANDS])
@@ -182,6 +183,6 @@ def _fit_harmonics(gaussians: Gaussians, equations: list[_Equations], progress: 
     normal = LinearOperator(shape, product, dtype=np.float32)
     scale = np.broadcast_to(1.0 / size, start.shape).ravel()
     rescaled = LinearOperator(shape, lambda flat: scale * flat.ravel(), dtype=np.float32)
-    # The iterations that there are do: what they leave is not seen.
+    # Convergence is not checked: what these iterations leave is not visible.
     change = cg(normal, rest.ravel(), maxiter=ITERATIONS, M=rescaled)[0].reshape(start.shape)
     return np.ascontiguousarray((start + change).transpose(2, 0, 1), dtype=np.float64)

@@ -1,4 +1,4 @@
-"""Gaussians as a PLY file in the standard layout of 3D Gaussian splatting (Kerbl et al. 2023), which other viewers read.
+"""Gaussians as a PLY file in the standard layout of 3D Gaussian splatting (Kerbl et al. 2023), which other viewers can read.
 
 Binary little endian floats: x y z, nx ny nz (zero), f_dc_0..2, f_rest_* (colour channel by colour channel), opacity (logit),
 scale_0..2 (logarithm), rot_0..3 (quaternion w x y z).
@@ -13,7 +13,7 @@ import numpy as np
 from ..records import Gaussians
 
 OPACITY_MARGIN = 1e-6
-"""Opacities 0 and 1 have no finite logit."""
+"""Opacities are kept this far from 0 and 1, whose logits are not finite."""
 
 
 def _property_names(bands: int) -> list[str]:
@@ -25,7 +25,7 @@ def _property_names(bands: int) -> list[str]:
 
 
 def write_ply(path: str | os.PathLike[str], gaussians: Gaussians) -> None:
-    """Write Gaussians. The attachment to particles is no part of the format."""
+    """Write Gaussians. Their attachment to particles is not part of the format."""
     count, bands = gaussians.sh.shape[:2]
     opacity = np.clip(gaussians.opacity, OPACITY_MARGIN, 1.0 - OPACITY_MARGIN)
     columns = [

@@ -22,9 +22,9 @@ TILE = 4
 PIXEL_FILTER = 0.3
 """Variance of the filter that keeps a Gaussian at least about a pixel wide [px²]; the value of the reference implementation."""
 CUTOFF = 2.5
-"""A Gaussian reaches this many standard deviations: 4 % of its peak; more costs time and changes no decibel."""
+"""A Gaussian is cut off at this many standard deviations, 4 % of its peak; more takes time and does not change the PSNR by a decibel."""
 TOGETHER = 64
-"""Tiles that are blended as one batch: one long list pads those of all others in its batch."""
+"""Tiles blended as one batch; a larger batch needs more padding, because all its lists are padded to the longest."""
 MAX_ALPHA = 0.99
 NEAR = 1e-3
 """Gaussians nearer to the camera than this are not drawn [m]."""
@@ -32,14 +32,14 @@ NEAR = 1e-3
 
 @dataclass(frozen=True)
 class Batch:
-    """Tiles with lists of about one length, and which Gaussians each of them blends, nearest first."""
+    """Tiles with lists of similar length, and the Gaussians that each of them blends, nearest first."""
 
     tile: torch.Tensor
     """(M,) numbers of the tiles, row by row."""
     index: torch.Tensor
     """(M, L) numbers of Gaussians, padded with 0."""
     used: torch.Tensor
-    """(M, L, 1) 1 where not padding."""
+    """(M, L, 1) 1, or 0 for padding."""
     pixels: torch.Tensor
     """(M, P, 2) pixel centres of the tile."""
 
@@ -50,12 +50,14 @@ class Tiles:
 
     batches: tuple[Batch, ...]
     across: int
-    """Tiles per row of the frame; `down` per column."""
+    """Number of tiles along a row of the frame."""
     down: int
+    """Number of tiles along a column."""
 
 
 def project(x: torch.Tensor, covariance: torch.Tensor, camera: Camera, frame: int = 0) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    """Gaussians (G, 3), (G, 3, 3) -> means (G, 2) [px], covariances (G, 2, 2) [px²] with the pixel filter, depths (G,) [m]."""
+    """Gaussians with centres x (G, 3) and covariances (G, 3, 3) -> means (G, 2) [px], covariances (G, 2, 2) [px²] including the pixel
+    filter, depths (G,) [m]."""
     pose = torch.as_tensor(camera.pose(frame), dtype=x.dtype)
     local = (x - pose[:3, 3]) @ pose[:3, :3]
     depth = local[:, 2].clamp_min(NEAR)
@@ -101,14 +103,14 @@ def tiles_of(mean: torch.Tensor, covariance: torch.Tensor, depth: torch.Tensor, 
 
 
 def shapes(mean: torch.Tensor, covariance: torch.Tensor, opacity: torch.Tensor) -> torch.Tensor:
-    """(G, 6) what `blend_weights` needs of Gaussians: centre [px], inverse covariance [1/px²], opacity."""
+    """(G, 6) the properties of Gaussians that `blend_weights` needs: centre [px], inverse covariance [1/px²] (xx, xy, yy), opacity."""
     determinant = covariance[:, 0, 0] * covariance[:, 1, 1] - covariance[:, 0, 1] ** 2
     conic = torch.stack([covariance[:, 1, 1], -covariance[:, 0, 1], covariance[:, 0, 0]], dim=1) / determinant[:, None]
     return torch.cat([mean, conic, opacity[:, None]], dim=1)
 
 
 def blend_weights(listed: torch.Tensor, batch: Batch) -> tuple[torch.Tensor, torch.Tensor]:
-    """Blending weights (M, L, P) of the Gaussians that a batch lists, with `shapes` (M, L, 6 or more), and what passes them all (M, P)."""
+    """Blending weights (M, L, P) of a batch's Gaussians with `shapes` (M, L, 6 or more), and the transmittance of all of them (M, P)."""
     offset_x, offset_y = (batch.pixels[:, None, :, i] - listed[..., i, None] for i in range(2))  # (M, L, P)
     xx, xy, yy = (listed[..., i, None] for i in (2, 3, 4))
     power = -0.5 * (xx * offset_x**2 + yy * offset_y**2) - xy * offset_x * offset_y
@@ -121,8 +123,8 @@ def blend_weights(listed: torch.Tensor, batch: Batch) -> tuple[torch.Tensor, tor
 def blend(
     mean: torch.Tensor, covariance: torch.Tensor, opacity: torch.Tensor, colour: torch.Tensor, tiles: Tiles, width: int, height: int
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Front-to-back blending: premultiplied colour (H, W, 3) and alpha (H, W). Differentiable in all Gaussians' arguments."""
-    # One gather for all properties: its adjoint, a scatter, is the slow part.
+    """Front-to-back blending: premultiplied colour (H, W, 3) and alpha (H, W). Differentiable in all properties of the Gaussians."""
+    # One gather for all properties, because its adjoint, a scatter, is the slow part.
     packed = torch.cat([shapes(mean, covariance, opacity), colour], dim=1)
     parts = []
     for batch in tiles.batches:
@@ -138,7 +140,7 @@ def blend(
 
 
 def _assemble(values: torch.Tensor, tiles: Tiles) -> torch.Tensor:
-    """(M, P, C) of all tiles -> (down * TILE, across * TILE, C)."""
+    """Values (M, P, C) of all tiles -> an image (down * TILE, across * TILE, C)."""
     channels = values.shape[-1]
     grid = values.reshape(tiles.down, tiles.across, TILE, TILE, channels)
     return grid.permute(0, 2, 1, 3, 4).reshape(tiles.down * TILE, tiles.across * TILE, channels)
@@ -147,7 +149,7 @@ def _assemble(values: torch.Tensor, tiles: Tiles) -> torch.Tensor:
 def render_gaussians(
     gaussians: Gaussians, camera: Camera, frame: int = 0, x: np.ndarray | None = None, F: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Render Gaussians, at rest or carried by particles.
+    """Render Gaussians, at rest or moved by particles.
 
     Args:
         x: (N, 3) particle positions [m], None for rest; F: (N, 3, 3) their deformation gradients, None for the identity.

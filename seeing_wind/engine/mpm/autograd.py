@@ -1,4 +1,4 @@
-"""The one seam between torch and the solver: T frames of simulation as one differentiable function."""
+"""The only interface between torch and the solver: T frames of simulation as one differentiable function."""
 
 from __future__ import annotations
 
@@ -21,14 +21,15 @@ from .model import Model
 from .state import State
 
 HISTORY = 2_000_000_000
-"""Bytes of substep states kept between the two sweeps. Frames beyond are simulated again on the way back."""
+"""Bytes of substep states kept between the forward and the backward sweep. Further frames are simulated again in the backward sweep."""
 
 
 class RolloutFunction(torch.autograd.Function):
     """States at T + 1 frames from the first state, the force and the material; use `simulate`.
 
-    Kept between the two sweeps: in single precision every substep's state (96 B per particle, and at most 4 B for the nodes) up to
-    `HISTORY`; in double, or beyond that, every n-th of the n² substeps of a frame, and the way back simulates the n between again.
+    Between the two sweeps, single precision keeps every substep's state (96 B per particle, and at most 4 B for the nodes) up to `HISTORY`;
+    double precision, or single once that is used up, keeps every n-th of a frame's n² substeps, and the backward sweep simulates the n
+    between them again. Of frames that no longer fit into `HISTORY`, only the start is kept.
     """
 
     @staticmethod
@@ -38,10 +39,10 @@ class RolloutFunction(torch.autograd.Function):
         yield_stress: torch.Tensor, viscosity: torch.Tensor,
     ) -> tuple[torch.Tensor, ...]:  # fmt: skip
         """x (T+1, N, 3) [m], v [m/s], C [1/s] and F of every frame, from those of the first, acceleration (T, N, 3) [m/s²] and its
-        gradient (T, N, 3, 3) [1/s²]; the material is that of `Model`.
+        gradient (T, N, 3, 3) [1/s²]; mass to viscosity (N,) as in `Model`.
 
         Raises:
-            UsageError: numbers that no body has. SimulationError: when the body breaks down.
+            MaterialError, UsageError: see `checks`. SimulationError: when the simulation fails.
         """
         model = replace(
             model, mass=_array(mass), mu=_array(mu), lam=_array(lam), yield_stress=_array(yield_stress), viscosity=_array(viscosity)
@@ -69,7 +70,7 @@ class RolloutFunction(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx: Any, *bars: torch.Tensor) -> tuple[Any, ...]:  # type: ignore[override]
-        """Derivatives of a loss by the inputs from those by x, v, C, F of every frame: the adjoint, swept backwards frame by frame."""
+        """Derivatives of a loss by the inputs, from those by x, v, C, F of every frame: the adjoint, frame by frame backwards."""
         body: Body = ctx.body
         runs: list[FrameRun] = ctx.runs
         count, frames = body.model.particles, len(runs)
@@ -88,7 +89,7 @@ class RolloutFunction(torch.autograd.Function):
             for total, part in zip((bar.x, bar.v, bar.C, bar.F), (by_frame[t].x, by_frame[t].v, by_frame[t].C, by_frame[t].F)):
                 total += part
         held = body.model.role == HELD
-        if held.any():  # these start at rest whatever they are given
+        if held.any():  # these start at rest whatever their v0 and C0
             bar = State(bar.x, bar.v.copy(), bar.C.copy(), bar.F)
             bar.v[held], bar.C[held] = 0.0, 0.0
         mass, _, mu, lam, yield_stress, viscosity = material_bar.T[:6]
@@ -114,15 +115,15 @@ def simulate(
     first_frame: int = 0,
     progress: Progress = NoProgress(),
 ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]:
-    """`rollout` for torch, for every law, differentiable in every tensor given.
+    """`rollout` for torch, for every law, differentiable with respect to every tensor given.
 
     Args:
         x0, v0: (N, 3) float64 at the first frame [m], [m/s].
-        acceleration: (T, N, 3) float64 external acceleration [m/s²], held over each frame, without gravity.
+        acceleration: (T, N, 3) float64 external acceleration [m/s²], constant over each frame, without gravity.
         gradient: (T, N, 3, 3) float64, d a_i / d x_j [1/s²]; None is zero.
         C0, F0: (N, 3, 3) float64 affine velocities [1/s] and deformation gradients; None is zero and the identity.
         youngs_modulus, poisson_ratio, density, yield_stress, viscosity: [Pa], [-], [kg/m³], [Pa], [Pa s], one number or (N,); None is
-            the model's. The model's substeps stay: a much stiffer body needs a model of its own.
+            the model's. The number of substeps stays the model's: a much stiffer body needs another model.
         precision: double or single; tensors are float64 either way.
         first_frame: number of the first frame, for messages and for the pins' path.
 

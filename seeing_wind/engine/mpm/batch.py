@@ -1,4 +1,4 @@
-"""Frames of many copies at once."""
+"""Simulation of many copies of one body at once."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from .state import State, Trajectory
 
 @dataclass(frozen=True)
 class BatchRollout:
-    """What `rollout_batch` found."""
+    """The result of `rollout_batch`."""
 
     paths: list[Trajectory]
-    """Of the B copies; NaN after the frame in which a copy failed."""
+    """The B copies' trajectories; NaN from the end of the frame in which a copy failed."""
     failed_frame: np.ndarray
-    """(B,) int: the frame in which the copy broke, -1 for none."""
+    """(B,) int: the frame in which a copy failed, -1 for none."""
 
     @property
     def failed(self) -> np.ndarray:
-        """(B,) bool."""
+        """(B,) bool: whether a copy failed."""
         return self.failed_frame >= 0
 
     @property
@@ -50,16 +50,17 @@ def rollout_batch(
 ) -> BatchRollout:
     """Simulate B independent copies of one body over T frames, in parallel threads.
 
-    Copy b feels a_p = sum_j phi[p, j] coefficients[b, t, j] with the gradient (sum_j c_j dphi_j/dX) F^-1, F at the frame's start.
+    In frame t, copy b has the acceleration a_p = sum_j phi[p, j] coefficients[b, t, j], with the gradient (sum_j c_j dphi_j/dX) F^-1, where
+    F is that at the frame's start.
 
     Args:
         phi: (N, P) basis at the particles' rest positions.
         dphi: (N, P, 3) its gradient with respect to rest positions [1/m].
         coefficients: (B, T, P, 3) [m/s²].
-        v0: (B, N, 3) velocities [m/s] with which the copies start instead.
+        v0: (B, N, 3) velocities [m/s] with which the copies start, instead of those of `start`.
         C0: (B, N, 3, 3) affine velocities [1/s], likewise.
-        strict: raise when any copy fails instead of marking it.
-        journal: keeps how far the frames have come.
+        strict: raise when any copy fails, instead of marking it as failed.
+        journal: keeps the frames done so far.
 
     Raises:
         SimulationError: with `strict`, as `rollout`.
@@ -85,7 +86,7 @@ def rollout_batch(
 
 
 def _frames(body: Copies, coefficients: np.ndarray, strict: bool, progress: Progress, journal: Journal) -> BatchRollout:
-    """All frames of the copies."""
+    """Advance the copies through all frames."""
     copies, frames = coefficients.shape[:2]
     now = {"x": body.x, "v": body.v, "C": body.C, "F": body.F}
     states = {name: np.full((copies, frames + 1, *array.shape[1:]), np.nan) for name, array in now.items()}
@@ -111,6 +112,6 @@ def _frames(body: Copies, coefficients: np.ndarray, strict: bool, progress: Prog
         for name, array in now.items():
             states[name][going[~broken], t + 1] = array[going[~broken]]
         loop.reached(t + 1, lambda: {**states, "substeps": substeps, "failed_frame": failed_frame})
-    # Copies of the arrays: who keeps one path does not keep the memory of all.
+    # The arrays are copied, so that a path that is kept does not keep the memory of all.
     paths = [Trajectory(**{name: array[b].copy() for name, array in states.items()}, substeps=substeps[b]) for b in range(copies)]
     return BatchRollout(paths, failed_frame)

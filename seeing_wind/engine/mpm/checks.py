@@ -1,6 +1,6 @@
-"""What a simulation refuses before it starts: numbers that mean nothing, arrays that do not fit each other, values that are not finite.
+"""What a simulation refuses before it starts: meaningless numbers, arrays that do not fit each other, values that are not finite.
 
-The kernels read arrays without looking at their length, so nothing gets there that was not looked at here.
+The kernels read arrays without checking their length, so every array that gets there must have been checked here.
 """
 
 from __future__ import annotations
@@ -20,18 +20,18 @@ from .model import Model
 from .state import State
 
 _FARTHEST = 2.0**30
-"""Cells from the lattice's origin that a 32-bit index can count with room to spare."""
+"""Farthest cell from the lattice's origin: a 32-bit index can count to it with room to spare."""
 
 
 def checked_bodies(
     particles: Particles | Sequence[Particles], material: Material | Sequence[Material], mass_scale: float | Sequence[float]
 ) -> tuple[list[Particles], list[Material], list[float]]:
-    """Bodies, and for each its material and factor on the density, all fit for `model.model_for`.
+    """The bodies, and for each its material and factor on the density, checked for `model_for`.
 
     Raises:
         SimulationError: no particles, or one whose position is not finite.
         MaterialError: a law that the solver does not have, or a number that is not physical.
-        UsageError: another number of materials than of bodies, arrays of different lengths, a volume, spacing or factor not above zero.
+        UsageError: not as many materials or factors as bodies; arrays of different lengths; a volume, spacing or factor not above zero.
     """
     bodies = [particles] if isinstance(particles, Particles) else list(particles)
     if not bodies or min(len(body.x) for body in bodies) == 0:
@@ -79,7 +79,7 @@ def positive(what: str, number: float) -> None:
 
 
 def check_choices(fps: float, gravity: np.ndarray, speed: float, dx: float | None, max_substeps: int | None, clamp_depth: float) -> None:
-    """UsageError for what `model.model_for` cannot work with; see there."""
+    """UsageError for an argument that `model_for` cannot work with; see there."""
     positive("The number of frames per second", fps)
     if dx is not None:
         positive("The grid spacing", dx)
@@ -94,11 +94,11 @@ def check_choices(fps: float, gravity: np.ndarray, speed: float, dx: float | Non
 
 
 def check_state(count: int, offset: np.ndarray, dx: float, x: np.ndarray, v: np.ndarray, C: np.ndarray, F: np.ndarray) -> None:
-    """The state in which a simulation starts: x, v (..., N, 3), C, F (..., N, 3, 3) of `count` particles, lattice as of `model.Model`.
+    """Check the state in which a simulation starts: x, v (..., N, 3), C, F (..., N, 3, 3) of `count` particles; lattice as in `Model`.
 
     Raises:
         UsageError: a shape that does not fit.
-        SimulationError: a value that is not finite, a particle turned inside out, or one out of the grid's reach; it names the particle.
+        SimulationError: a value that is not finite, a particle turned inside out, or one beyond the grid's reach; it names the particle.
     """
     for name, array, shape in (("x", x, (count, 3)), ("v", v, (count, 3)), ("C", C, (count, 3, 3)), ("F", F, (count, 3, 3))):
         if array.shape[-len(shape) :] != shape or array.ndim - len(shape) != x.ndim - 2:
@@ -113,7 +113,7 @@ def check_state(count: int, offset: np.ndarray, dx: float, x: np.ndarray, v: np.
 
 
 def checked_state(model: Model, state: State) -> State:
-    """The state in float64, held particles at rest; errors as of `check_state`."""
+    """The state in float64, with HELD particles at rest. Raises as `check_state`."""
     x, v, C, F = (np.ascontiguousarray(array, dtype=np.float64) for array in (state.x, state.v, state.C, state.F))
     check_state(model.particles, model.offset, model.dx, x, v, C, F)
     held = model.role == HELD
@@ -124,7 +124,7 @@ def checked_state(model: Model, state: State) -> State:
 
 
 def check_force(count: int, acceleration: np.ndarray, gradient: np.ndarray | None, first_frame: int) -> None:
-    """The force of T frames: acceleration (T, N, 3), gradient (T, N, 3, 3) or None, on `count` particles.
+    """Check the force of T frames on `count` particles: acceleration (T, N, 3), gradient (T, N, 3, 3) or None.
 
     Raises:
         UsageError: a shape that does not fit.
@@ -145,7 +145,8 @@ def check_force(count: int, acceleration: np.ndarray, gradient: np.ndarray | Non
 
 
 def check_numbers(mass: np.ndarray, mu: np.ndarray, lam: np.ndarray, yield_stress: np.ndarray, viscosity: np.ndarray) -> None:
-    """MaterialError for particles (N,) without mass or stiffness: shear modulus mu and bulk modulus lam + 2/3 mu must be above zero."""
+    """MaterialError for particles (N,) without mass or stiffness (shear modulus mu and bulk modulus lam + 2/3 mu must be above zero), with
+    a negative yield stress or viscosity, or with a number that is not finite."""
     finite = np.isfinite(mass) & np.isfinite(mu) & np.isfinite(lam) & np.isfinite(yield_stress) & np.isfinite(viscosity)
     for bad, what, hint in (
         (~finite, "a material number that is not finite", "Poisson's ratio must stay below 0.5, the others finite."),
@@ -165,11 +166,11 @@ def _stop_at_first(bad: np.ndarray, message: str, quantity: str) -> None:
 
 
 def _finite(array: np.ndarray) -> bool:
-    """Whether all of it is. The sum is quick to find, but finite numbers may have one that is not."""
+    """Whether all numbers are finite. The sum is quick to compute, but it may overflow for finite numbers."""
     return bool(np.isfinite(array.sum())) or bool(np.isfinite(array).all())
 
 
 def _determinant(F: np.ndarray) -> np.ndarray:
-    """(...,) of (..., 3, 3); LAPACK's takes many times as long for as many small matrices."""
+    """Determinants (...,) of F (..., 3, 3); LAPACK takes many times as long for so many small matrices."""
     (a, b, c), (d, e, f), (g, h, i) = ([F[..., row, column] for column in range(3)] for row in range(3))
     return a * (e * i - f * h) + b * (f * g - d * i) + c * (d * h - e * g)

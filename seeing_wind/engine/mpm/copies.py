@@ -1,4 +1,4 @@
-"""Several copies of one body, each under a force of its own, given by coefficients of one basis."""
+"""Several copies of one body, each under its own force, given by coefficients in a common basis."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .model import Model
 from .state import State
 
 _GRID_NODES_AT_ONCE = 8_000_000
-"""Nodes of all private grids together: 256 MB."""
+"""Nodes of all private grids together, at most: 256 MB."""
 
 
 class Copies:
@@ -26,9 +26,9 @@ class Copies:
     def __init__(
         self, model: Model, phi: np.ndarray, dphi: np.ndarray, x: np.ndarray, v: np.ndarray, C: np.ndarray, F: np.ndarray
     ) -> None:
-        """phi (N, P), dphi (N, P, 3); x, v (B, N, 3); C, F (B, N, 3, 3). The latter are changed: now and by `advance`. Held particles
-        start at rest."""
-        assert all(array.flags.c_contiguous for array in (x, v, C, F)), "what is changed in place must lie in one piece"
+        """phi (N, P), dphi (N, P, 3) as in `rollout_batch`; x, v (B, N, 3) and C, F (B, N, 3, 3), which are changed in place: by `advance`,
+        and at once by setting HELD particles to rest."""
+        assert all(array.flags.c_contiguous for array in (x, v, C, F)), "arrays that are changed in place must be contiguous"
         self.run = CopiesRun(model)
         check_state(model.particles, model.offset, model.dx, x, v, C, F)
         self.run.make_room_for(x)
@@ -40,9 +40,9 @@ class Copies:
         self.phi, self.dphi = (np.ascontiguousarray(values[active], dtype=np.float64) for values in (phi, dphi))
 
     def advance(self, copies: np.ndarray, coefficients: np.ndarray, frame: int, progress: Progress) -> tuple[np.ndarray, np.ndarray]:
-        """Frame number `frame` of the copies listed (A,) under the force of `coefficients` (A, P, 3) [m/s²] and gravity.
+        """Advance the listed copies (A,) through frame `frame` under the force of `coefficients` (A, P, 3) [m/s²] and gravity.
 
-        Copies that fail start the frame once more with half the dt.
+        Copies that fail repeat the frame once with half the dt.
 
         Returns:
             substeps (A,) that the frame took, status (A, STATUS) of `copies_forward`.
@@ -59,13 +59,13 @@ class Copies:
         return substeps, status
 
     def failure(self, copy: int, status: np.ndarray, frame: int, substeps: int) -> SimulationError:
-        """The error for a copy that `advance` could not bring through a frame, from its status and what the frame left of it."""
+        """The error for a copy that failed in `advance`, from its status and the state in which it was left."""
         dt_over_dx = self.model.frame_dt / substeps / self.model.dx
         found = diagnosis(int(status[CODE]), dt_over_dx, self.x[copy], self.v[copy], self.F[copy])
         return failure((*found, int(status[DONE])), frame, substeps)
 
     def _frame(self, copies: np.ndarray, coefficients: np.ndarray, frame: int, substeps: int, progress: Progress) -> np.ndarray:
-        """All substeps of a frame, for as many copies at a time as there is room for; returns status (A, STATUS)."""
+        """All substeps of a frame, for as many copies at a time as memory allows; returns status (A, STATUS)."""
         packing, offset = self.run.packing, self.model.offset
         conditions = conditions_for(self.model, frame, _all_of(self.x[copies], self.v[copies], self.C[copies], self.F[copies]))
         pieces = [packing.piece(c, packing.active, self.model.frame_dt / substeps) for c in conditions]
@@ -86,5 +86,5 @@ class Copies:
 
 
 def _all_of(x: np.ndarray, v: np.ndarray, C: np.ndarray, F: np.ndarray) -> State:
-    """The particles of all copies, one copy after the other, in the same memory."""
+    """The particles of all copies, one copy after another, as views of the same memory."""
     return State(x.reshape(-1, 3), v.reshape(-1, 3), C.reshape(-1, 3, 3), F.reshape(-1, 3, 3))

@@ -1,4 +1,4 @@
-"""Courant's condition: the substeps that a body's waves need, and how stiff it can be in as many as there may be. Needs no compiler."""
+"""Courant's condition: the substeps that a body's waves need, and how stiff it can be within the substeps allowed. Needs no compiler."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from ..materials import LIMITS, PLASTIC_LAWS, substeps_needed
 from ..records import Material, Particles
 
 Part = tuple[Particles, Material, float]
-"""A body, what it is made of, and the factor on its density."""
+"""A body, its material, and the factor on its density."""
 
 
 def substeps_of(particles: Particles, material: Material, fps: float) -> int:
-    """Per frame, of one body that touches nothing and is no faster than is usual."""
+    """Substeps per frame of one body that touches nothing and is no faster than `LIMITS.default_speed`."""
     dx, frame_dt = LIMITS.cell_spacings * particles.spacing, 1.0 / fps
     part = particles, material, 1.0
     _, needed = carried_modulus(part, dx, frame_dt, most_substeps([part], dx, frame_dt))
@@ -24,26 +24,26 @@ def substeps_of(particles: Particles, material: Material, fps: float) -> int:
 
 
 def enough_substeps(speed: float, dx: float, frame_dt: float, needed: int) -> int:
-    """At least those `needed` by the waves; nothing at `speed` [m/s] crosses more than a cell in one."""
+    """Substeps per frame: at least those `needed` by the waves, and enough that nothing at `speed` [m/s] crosses over a cell in one."""
     return max(LIMITS.min_substeps, math.ceil(speed * frame_dt / dx), needed)
 
 
 def most_substeps(parts: Iterable[Part], dx: float, frame_dt: float) -> int:
-    """`LIMITS.max_substeps_held` where something is pinned that keeps at least `LIMITS.worth` of its stiffness so, else `max_substeps`."""
+    """`LIMITS.max_substeps_held` if a body is pinned that keeps at least `LIMITS.worth` of its stiffness with it, else `max_substeps`."""
     most = LIMITS.max_substeps_held / math.sqrt(LIMITS.worth)
     held = any(np.any(part[0].pinned) and wave_substeps(part, dx, frame_dt) <= most for part in parts)
     return LIMITS.max_substeps_held if held else LIMITS.max_substeps
 
 
 def wave_substeps(part: Part, dx: float, frame_dt: float) -> int:
-    """Substeps that the waves of a body need where it is stiffest; no more than its material asks for."""
+    """Substeps per frame that the waves in the stiffest part of a body need; at most those of its material itself."""
     body, material, density = part
     factor = 1.0 if body.stiffness is None else min(1.0, float(np.max(body.stiffness)))
     return substeps_needed(replace(material, youngs_modulus=factor * material.youngs_modulus), dx, frame_dt, density)
 
 
 def carried_modulus(part: Part, dx: float, frame_dt: float, max_substeps: int) -> tuple[float, int]:
-    """Young's modulus [Pa] of a body's material, or as much of it as `max_substeps` carry, and the substeps that it needs."""
+    """Young's modulus [Pa] of a body's material, lowered if need be to what `max_substeps` allow, and the substeps that it needs."""
     material, needed = part[1], wave_substeps(part, dx, frame_dt)
     if needed > max_substeps:
         return material.youngs_modulus * (max_substeps / needed) ** 2, max_substeps

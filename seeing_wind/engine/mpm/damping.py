@@ -1,8 +1,8 @@
-"""How much damping explicit substeps carry, and how many substeps a damping asks for.
+"""How much damping explicit substeps allow, and how many substeps a given damping needs.
 
-A Kelvin-Voigt solid (`laws.viscous`) with the retardation time tau follows its own rates at once: over a substep dt a wave of circular
-frequency omega stays stable while (omega dt)² (1 + 2 tau / dt) < 4, which for the fastest waves of a grid, that cross `crossed` cells in
-a substep, is a bound on crossed² (1 + 2 tau / dt). Without damping it is the Courant number's own.
+The viscous stress of a Kelvin-Voigt solid (`laws.viscous`) with the retardation time tau is explicit in the velocities: with substeps dt, a
+wave of angular frequency omega is stable while (omega dt)² (1 + 2 tau / dt) < 4. For the fastest waves of a grid, which cross `crossed`
+cells in a substep, this is a bound on crossed² (1 + 2 tau / dt); without damping it becomes that on the Courant number.
 """
 
 from __future__ import annotations
@@ -23,19 +23,19 @@ def cells_per_frame(model: Model) -> float:
 
 
 def longest_retardation(model: Model) -> float:
-    """The longest retardation time [s] that the model's substeps carry."""
+    """The longest retardation time [s] for which the model's substeps are stable."""
     crossed, dt = cells_per_frame(model) / model.substeps, model.frame_dt / model.substeps
     return max(0.0, 0.5 * dt * ((LIMITS.viscous_courant / crossed) ** 2 - 1.0))
 
 
 def substeps_for(model: Model, retardation: float) -> int:
-    """Substeps per frame that carry a retardation time [s]; at least the model's."""
+    """Substeps per frame that a retardation time [s] needs; at least the model's."""
     cells = cells_per_frame(model)
     lean = retardation * cells**2 / model.frame_dt
     return max(model.substeps, math.ceil((lean + math.hypot(lean, LIMITS.viscous_courant * cells)) / LIMITS.viscous_courant**2))
 
 
 def with_retardation(model: Model, retardation: float | np.ndarray) -> Model:
-    """The model with a retardation time [s], one or (N,), where its law is elastic; no longer than its substeps carry."""
+    """The model with a retardation time [s], one number or (N,), where its law is elastic; limited to `longest_retardation`."""
     carried = np.minimum(retardation, longest_retardation(model))
     return replace(model, viscosity=np.where(model.law < VON_MISES, carried * model.mu, model.viscosity))

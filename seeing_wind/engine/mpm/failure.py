@@ -1,4 +1,4 @@
-"""What stopped a run, in words."""
+"""Why a run stopped, as an error message."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _REASONS = {
 
 
 def failure(status: Sequence[int] | np.ndarray, frame: int, substeps: int) -> SimulationError:
-    """The error for a status that begins with code (of `substep`), particle (-1 for none in particular) and substep of `substeps`."""
+    """The error for a status that begins with a code of `substep`, a particle (-1: unknown), and the substep out of `substeps`."""
     code, particle, at = (int(number) for number in status[:3])
     reason, quantity = _REASONS[code]
     who = f"Particle {particle}" if particle >= 0 else "A particle"
@@ -31,12 +31,12 @@ def failure(status: Sequence[int] | np.ndarray, frame: int, substeps: int) -> Si
 
 
 def diagnosis(code: int, dt_over_dx: float, x: np.ndarray, v: np.ndarray, F: np.ndarray) -> tuple[int, int]:
-    """What went wrong and the particle that is worst, from particles (N, 3), (N, 3), (N, 3, 3) after the substep that failed.
+    """The code of the failure and the worst particle, from x (N, 3), v (N, 3) and F (N, 3, 3) after the substep that failed.
 
-    What breaks one particle breaks its neighbours in the same substep; kernels report whichever came last.
+    Neighbouring particles usually fail in the same substep, and kernels report whichever came last.
 
     Args:
-        code: what the kernel reported, of `substep`.
+        code: the code of `substep` that the kernel reported.
         dt_over_dx: the substep over the grid spacing [s/m].
     """
     if code == substep.BURST:

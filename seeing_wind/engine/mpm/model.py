@@ -1,4 +1,4 @@
-"""What stays the same during a simulation: bodies, lattice and time. `model_for` chooses them from a material."""
+"""What stays the same during a simulation: bodies, lattice and time."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .lattice.colliders import NO_COLLIDERS, Collider, ColliderGrid
 from .laws.plasticity import VON_MISES
 
 MOST_NODES = 30_000_000
-"""Nodes of one grid (1 GB). A body spread over more has burst."""
+"""Nodes of one grid, at most (1 GB). A body spread over more has burst."""
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Model:
     yield_stress: np.ndarray
     """(N,) [Pa]; plastic laws only."""
     viscosity: np.ndarray
-    """(N,) [Pa s]; of an elastic law its shear viscosity, see `laws.viscous`; of the viscoplastic one that of its flow."""
+    """(N,) [Pa s]; the shear viscosity under an elastic law, see `laws.viscous`; that of the flow under the viscoplastic law."""
     law: np.ndarray
     """(N,) int32, a value of `constitutive.LAWS`."""
     role: np.ndarray
@@ -37,37 +37,38 @@ class Model:
     clamp_lo: np.ndarray
     """(3,) int32, first node of the box `clamp`."""
     clamp: np.ndarray
-    """(a, b, c) int32, 1 for the nodes that stand still."""
+    """(a, b, c) int32, 1 for clamped nodes."""
     offset: np.ndarray
     """(3,) position of the lattice's node (0, 0, 0) [m]."""
     dx: float
     """Grid spacing [m]."""
     frame_dt: float
-    """One frame [s]."""
+    """Length of a frame [s]; see `part`."""
     substeps: int
-    """Per frame."""
+    """Substeps per frame; see `part`."""
     gravity: np.ndarray
-    """(3,) [m/s²], apart from the external acceleration; (T, N, 3) in a frame of reference that accelerates, by frame and particle."""
+    """(3,) [m/s²], apart from the external acceleration; (T, N, 3), by frame and particle, in an accelerated frame of reference."""
     collider_grid: ColliderGrid = NO_COLLIDERS
-    """Planes, and meshes as the lattice's nodes see them."""
+    """Planes, and meshes sampled at the lattice's nodes."""
     movers: tuple[Collider, ...] = ()
-    """All colliders, if any of them moves: they are sampled as the frames go by. `collider_grid` has those that stand still, then."""
+    """All colliders if any of them moves, else empty. They are sampled during each frame; `collider_grid` then has only the still ones."""
     part: tuple[int, int] = (0, 1)
-    """Which of how many equal parts of a frame it advances: `frame_dt` and `substeps` are a part's, paths are by whole frames."""
+    """(i, n): the model advances the i-th of n equal parts of a frame. `frame_dt` and `substeps` are those of a part, paths have one entry
+    per whole frame."""
     pin_path: np.ndarray | None = None
     """(T+1, M, 3) [m] where the M pinned particles are at every frame; None is where they start."""
     pin_rest: np.ndarray | None = None
     """(N, 3) [m] all particles at rest; only with `pin_path`."""
     clamp_depth: float = 0.0
-    """Cells below the border of the pinned material at which it begins to be held."""
+    """Clamp depth: how far below the border of the pinned material the clamp begins [cells]."""
     axes: np.ndarray | None = None
-    """(3, 3) the lattice's axes as columns, None for the world's. What says where nodes are (offset, clamp, pin_path, pin_rest,
-    collider_grid) is in coordinates along them; `rollout` and its kin turn what they get and what they give back."""
+    """(3, 3) the lattice's axes as columns, None for the world's. Positions on the lattice (offset, clamp, pin_path, pin_rest,
+    collider_grid) are in coordinates along them; `rollout` and similar functions convert their arguments and results."""
     refined: float = 1.0
-    """How many times as many substeps it has as it would need to be stable."""
+    """Number of substeps over the number that stability needs."""
 
     def upright(self) -> Model:
-        """The same in the lattice's own coordinates."""
+        """The same model in the lattice's own coordinates."""
         return self if self.axes is None else replace(self, axes=None, gravity=self.gravity @ self.axes)
 
     def gravity_in(self, frame: int) -> np.ndarray:
@@ -75,7 +76,7 @@ class Model:
         return self.gravity if self.gravity.ndim == 1 else self.gravity[frame]
 
     def from_frame(self, first: int) -> Model:
-        """The same, its frames counted from `first` on."""
+        """The same model with its frames counted from `first` on."""
         return self if self.gravity.ndim == 1 else replace(self, gravity=self.gravity[first:])
 
     @property
@@ -90,5 +91,5 @@ class Model:
 
     @property
     def pinned(self) -> np.ndarray:
-        """(N,) bool, the particles that keep their place."""
+        """(N,) bool, the particles whose motion is given."""
         return self.role != FREE

@@ -1,4 +1,4 @@
-"""Grid, substeps and clamp of a simulation, chosen from its bodies and their materials."""
+"""The model of a simulation: grid, substeps and clamp, chosen from its bodies and their materials."""
 
 from __future__ import annotations
 
@@ -46,15 +46,15 @@ def model_for(
         material: one for all, or one per body.
         gravity: (3,) [m/s²].
         mass_scale: factor on the density, one for all or one per body.
-        speed: fastest motion expected [m/s], besides that of `pin_path`; more substeps above about one cell per substep.
-        dx: grid spacing [m]; None takes 1.6 spacings of the finest body.
-        max_substeps: per frame. A stiffer material is softened until it gets by with that many; None is `LIMITS.max_substeps`, or
-            `LIMITS.max_substeps_held` where something is pinned that keeps at least `LIMITS.worth` of its stiffness so. Damping beyond
-            what so many carry is cut, too.
+        speed: fastest motion expected [m/s], apart from that of `pin_path`; above about one cell per substep it needs more substeps.
+        dx: grid spacing [m]; None takes `LIMITS.cell_spacings` spacings of the finest body.
+        max_substeps: per frame. A material that needs more is softened until it needs no more; None is `LIMITS.max_substeps`, or
+            `LIMITS.max_substeps_held` if a body is pinned that keeps at least `LIMITS.worth` of its stiffness with it. Damping is limited
+            to what the substeps allow, too.
         least_substeps: per frame, whatever the material.
-        colliders: planes, rooms and closed meshes that stand still, see `colliders`.
+        colliders: planes, rooms and closed meshes, still or moving, see `colliders`.
         pin_path: (T+1, M, 3) positions [m] of the M pinned particles at every frame; None leaves them where they are.
-        clamp_depth: cells below the border of the pinned material at which it begins to be held; 0.5 for pins that were only seen to
+        clamp_depth: how far below the border of the pinned material the clamp begins [cells]; 0.5 for pins that were only observed to
             hardly move.
 
     Returns:
@@ -82,7 +82,7 @@ def model_for(
     (mass, volume, mu, lam, yield_stress, viscosity, law), needed = _columns(parts, dx, frame_dt, max_substeps, notes)
     fastest = _checked_speed(speed, x, path, dx, frame_dt, max_substeps)
     substeps = max(least_substeps, enough_substeps(fastest, dx, frame_dt, needed))
-    # Of two walls, the lattice follows the collider's.
+    # The lattice can follow one border only: with colliders it stays upright, for their sake.
     axes = None if colliders else border_axes(x, pinned, spacing)
     if axes is not None:
         x, path = x @ axes, None if path is None else path @ axes
@@ -98,7 +98,7 @@ def model_for(
         mass, volume, mu, lam, yield_stress, viscosity, law, role, clamp_lo, clamp, offset, float(dx), frame_dt, substeps,
         gravity, obstacles, movers, pin_path=path, pin_rest=None if path is None else x, clamp_depth=clamp_depth, axes=axes,
     )  # fmt: skip
-    if not pinned.any():  # hardly shows its damping
+    if not pinned.any():  # a free body hardly shows its damping
         return model, notes
     return _with_damping(model, bodies, materials, notes), notes
 
@@ -106,7 +106,7 @@ def model_for(
 def _columns(
     parts: Sequence[Part], dx: float, frame_dt: float, max_substeps: int, notes: list[str]
 ) -> tuple[tuple[np.ndarray, ...], int]:
-    """`_body_columns` of all bodies, as stiff as `max_substeps` can carry, and the substeps that they need."""
+    """`_body_columns` of all bodies, as stiff as `max_substeps` allow, and the substeps that they need."""
     columns, most = [], 0
     for part in parts:
         body, stuff, scale = part
@@ -119,7 +119,7 @@ def _columns(
 
 
 def _softer(part: Part, youngs_modulus: float, needed: int, allowed: int) -> str:
-    """That a body is simulated with a lower Young's modulus [Pa] than its own, for which it would need more substeps than allowed."""
+    """The note that a body is simulated with a lower Young's modulus [Pa] than its own, which would need more substeps than are allowed."""
     body, stuff, _ = part
     softer = stuff.youngs_modulus / youngs_modulus
     note = (
@@ -137,7 +137,7 @@ def _softer(part: Part, youngs_modulus: float, needed: int, allowed: int) -> str
 
 
 def _with_damping(model: Model, bodies: Sequence[Particles], materials: Sequence[Material], notes: list[str]) -> Model:
-    """The model with its materials' damping, as far as its substeps carry it: more of them would add more damping of the solver's own."""
+    """The model with its materials' damping, as far as its substeps allow; more substeps would increase the solver's numerical damping."""
     wanted = max(stuff.retardation for stuff in materials)
     if wanted == 0.0:
         return model
@@ -155,11 +155,11 @@ def _with_damping(model: Model, bodies: Sequence[Particles], materials: Sequence
 
 
 def with_clamp_depth(model: Model, body: Particles, depth: float) -> Model:
-    """The model of one body that touches nothing, held from `depth` cells below the border of what is pinned."""
+    """The model of one body that touches nothing, with its clamp beginning `depth` cells below the border of the pinned material."""
     if depth == model.clamp_depth:
         return model
     if model.pin_path is not None or model.collider_grid.planes.any() or model.collider_grid.solid.any():
-        raise ValueError("only a body that stands on its pins and touches nothing can be held elsewhere")
+        raise ValueError("the clamp depth can only be changed for a body whose pins stand still and that touches nothing")
     x = np.asarray(body.x, dtype=np.float64) if model.axes is None else body.x @ model.axes
     offset = lattice_offset(x, body.pinned, body.spacing, model.dx, depth=depth)
     clamp_lo, clamp = clamped_nodes(x, model.mass, body.pinned, offset, model.dx, depth=depth)
@@ -168,7 +168,7 @@ def with_clamp_depth(model: Model, body: Particles, depth: float) -> Model:
 
 
 def _check_reach(x: np.ndarray, dx: float) -> None:
-    """SimulationError when a grid of spacing dx [m] around particles x (N, 3) [m] has too many nodes."""
+    """SimulationError when a grid of spacing dx [m] around particles x (N, 3) [m] would have too many nodes."""
     cells = np.floor(np.ptp(x, axis=0) / dx) + 4.0
     if np.prod(cells) > MOST_NODES or cells.max() > MOST_NODES_ACROSS:
         reach = " x ".join(in_figures(size) for size in np.ptp(x, axis=0))
@@ -182,10 +182,10 @@ def _check_reach(x: np.ndarray, dx: float) -> None:
 def _checked_speed(speed: float, x: np.ndarray, path: np.ndarray | None, dx: float, frame_dt: float, max_substeps: int) -> float:
     """The speed [m/s] of a body, or of the pins on their path (T+1, M, 3) [m] if they are faster.
 
-    `x` (N, 3) [m] are the particles, for the size that the refusal names.
+    `x` (N, 3) [m] are the particles, for the size in the error message.
 
     Raises:
-        SimulationError: where it crosses more than a cell in each of `max_substeps`.
+        SimulationError: at a speed that crosses more than a cell in each of `max_substeps`.
     """
     who = f"A body {in_units(np.ptp(x, axis=0).max(), 'm', 2)} large"
     if path is not None:

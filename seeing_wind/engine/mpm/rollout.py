@@ -22,18 +22,18 @@ def rollout(
     first_frame: int = 0,
     precision: str = "double",
 ) -> Trajectory:
-    """Simulate T frames, on as many cores as the body is worth.
+    """Simulate T frames of one body, on as many cores as its size is worth.
 
     Args:
-        acceleration: (T, N, 3) of the external force, f / rho [m/s²], held over each frame; gravity comes from the model.
+        acceleration: (T, N, 3) external acceleration f / rho [m/s²], constant over each frame; gravity comes from the model.
         gradient: (T, N, 3, 3), d a_i / d x_j [1/s²]; None is zero.
         first_frame: number of the first frame, for messages and for the pins' path.
-        precision: double, or single, which is faster and within 1e-3 over a frame.
+        precision: double, or single, which is faster and accurate to 1e-3 over a frame.
 
     Raises:
-        SimulationError: when a frame breaks even with half the dt, or a value is not finite; it names frame, substep, particle and
+        SimulationError: when a frame fails even with half the dt, or a value is not finite; it names frame, substep, particle and
             quantity.
-        UsageError: for arrays that do not fit the model, and an unknown precision.
+        UsageError: for arrays that do not fit the model, or an unknown precision.
     """
     dtype_of(precision)
     acceleration, gradient = np.asarray(acceleration), None if gradient is None else np.asarray(gradient)
@@ -51,7 +51,7 @@ def rollout(
 def body_rollout(
     body: Body, state: State, acceleration: np.ndarray, gradient: np.ndarray | None, progress: Progress, first_frame: int
 ) -> Trajectory:
-    """`rollout` by a `Body`: acceleration (T, N, 3) [m/s²], gradient (T, N, 3, 3) [1/s²]."""
+    """`rollout` of a given `Body`: acceleration (T, N, 3) [m/s²], gradient (T, N, 3, 3) [1/s²] or None."""
     start, frames = checked_state(body.model, state), len(acceleration)
     x, v, C, F = (np.empty((frames + 1, *array.shape)) for array in (start.x, start.v, start.C, start.F))
     path = Trajectory(x, v, C, F, np.zeros(frames, np.int64))

@@ -1,4 +1,4 @@
-"""What changes during a simulation."""
+"""What changes during a simulation: the state of its particles."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class State:
 
 
     def turned(self, axes: np.ndarray) -> State:
-        """The same in coordinates along `axes` (3, 3), three orthonormal columns; the rest shape keeps its coordinates."""
+        """The same state in coordinates along `axes` (3, 3), three orthonormal columns; the rest shape keeps its coordinates."""
         return State(self.x @ axes, self.v @ axes, axes.T @ self.C @ axes, axes.T @ self.F)
 
 
@@ -56,7 +56,7 @@ class Trajectory:
 
     @staticmethod
     def of(states: Sequence[State], substeps: int = 0) -> Trajectory:
-        """Through these states, each frame in so many substeps."""
+        """The trajectory through these states, with so many substeps in each frame."""
         x, v, C, F = (np.stack([getattr(one, name) for one in states]) for name in ("x", "v", "C", "F"))
         return Trajectory(x, v, C, F, np.full(len(states) - 1, substeps))
 

@@ -1,8 +1,8 @@
 """How the motion of a body changes with the force on it and with its start: many changes at once, to first order.
 
-One simulation of the body as it is; then every change costs a small part of another, because it shares all that depends on the body alone
-(`kernels.linearise`, `kernels.carry`): elastic or plastic, held by what stands still or by what moves. What touches
-a collider has no such changes. Where there are many changes, a few mixtures of them are carried instead (`body.columns`).
+The body is simulated once as it is. Every change then costs a small fraction of a simulation, because all changes share what depends on
+the body alone (`kernels.linearise`, `kernels.carry`). The body may be elastic or plastic, and its pins may move, but it must not touch a
+collider. Where there are many changes, a few mixtures of them are carried instead (`body.columns`).
 """
 
 from __future__ import annotations
@@ -34,38 +34,38 @@ from .model import Model
 from .state import State
 
 LEAST_MASS = 1e-12
-"""Nodes with less than this share of the lightest particle's mass do not move: a particle on the edge between two cells gives the far node
-of one a weight that is rounding, and its inverse is beyond single precision."""
+"""Nodes with less than this share of the lightest particle's mass do not move: a particle on the border of two cells gives the farthest
+node of one of them a weight that is a rounding error, and its inverse is beyond single precision."""
 MOST_NUMBERS = 2**29
-"""In any one array: kernels index with 32 bits, and 2 GB is more than any body asks for that has not flown apart."""
+"""Most numbers in any one array: kernels index with 32 bits, and no body needs more than 2 GB unless it has flown apart."""
 FLOWN, BESIDE = 2.0, 5.0
-"""Times its diagonal at the start, and nodes beside it, that the grid of an elastic body may be long in all three directions. One that
-needs more has flown apart: what is carried along says nothing then, and costs as many times more as the grid has grown."""
+"""The grid of an elastic body may have as many nodes as a cube with a side of this many diagonals of the body at its start, plus this many
+nodes. A body that needs more has flown apart: its changes then mean nothing, and their cost grows with the grid."""
 _WORK_PER_CALL = 6_000_000
-"""Changes of a particle in a substep between two safe points."""
+"""Changes times particles times substeps between two safe points."""
 
 
 @dataclass(frozen=True)
 class Changes:
-    """Changes in B directions, by the frame from which on a direction acts.
+    """Changes of the force and of the start in B directions.
 
-    They should be of comparable size: of what a direction does, a hundred thousandth of what all do may be lost.
+    They should be of comparable size: an effect of one direction that is a hundred thousandth of the effect of all may be lost.
     """
 
     coefficients: np.ndarray
-    """(B, T, P, 3) of the force's coefficients [m/s²]; zero before the direction's first frame."""
+    """(B, T, P, 3) changes of the force's coefficients [m/s²]; zero before the direction's first frame."""
     v0: np.ndarray | None = None
-    """(B, N, 3) of the initial velocities [m/s]."""
+    """(B, N, 3) changes of the initial velocities [m/s]."""
     C0: np.ndarray | None = None
-    """(B, N, 3, 3) of the initial affine velocities [1/s]."""
+    """(B, N, 3, 3) changes of the initial affine velocities [1/s]."""
 
 
 Wanted = Callable[[int, np.ndarray, np.ndarray], np.ndarray]
-"""What is wanted of changed positions: (frame, x (N, 3), changes (columns, N, 3)) -> (columns, ...), linear in the changes."""
+"""Computes the changes that are wanted: (frame, x (N, 3), changes of x (columns, N, 3)) -> (columns, ...), linear in the changes of x."""
 
 
 def positions(frame: int, x: np.ndarray, changes: np.ndarray) -> np.ndarray:
-    """The changed positions themselves."""
+    """A `Wanted`: the changes of the positions themselves."""
     return changes
 
 
@@ -80,19 +80,19 @@ def tangents(
     journal: Journal = Journal(),
     wanted: Wanted = positions,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Motion under a force, and how it changes to first order.
+    """The motion under a force, and its first-order changes.
 
     Args:
         phi, dphi: (N, P) basis at the particles' rest positions, (N, P, 3) its gradient [1/m]; the force is as in `rollout_batch`.
         coefficients: (T, P, 3) [m/s²].
-        journal: keeps how far the frames have come.
-        wanted: of the changes in each frame; asked for frame 0 with no changes, too, which tells its shape.
+        journal: keeps the frames done so far.
+        wanted: called for each frame, and first for frame 0 with no changes, to find the shape of what it returns.
 
     Returns:
-        positions (T+1, N, 3) [m], and what is wanted of their changes (B, T+1, ...), single precision; zero in frame 0.
+        positions (T+1, N, 3) [m], and the changes of the wanted quantity (B, T+1, ...), in single precision; zero in frame 0.
 
     Raises:
-        SimulationError: when the simulation breaks even with half the dt.
+        SimulationError: when the simulation fails even with half the dt.
         UsageError: for a model with colliders.
     """
     if model.movers or model.collider_grid.active:
@@ -111,7 +111,7 @@ def tangents(
 
 
 class _Carrier:
-    """One body and its changes, a frame at a time."""
+    """One body and its changes, advanced frame by frame."""
 
     def __init__(self, model: Model, start: State, phi: np.ndarray, dphi: np.ndarray, changes: Changes, progress: Progress) -> None:
         check_state(model.particles, model.offset, model.dx, start.x, start.v, start.C, start.F)
@@ -122,7 +122,7 @@ class _Carrier:
         self.active, self.count = self.body.packing.active, len(self.body.packing.active)
         self.phi, self.dphi = torch.from_numpy(np.ascontiguousarray(phi)), torch.from_numpy(np.ascontiguousarray(dphi))
         count = len(changes.coefficients)
-        # Few changes are spread over the cores rather than over the lanes.
+        # A few changes are spread over the cores rather than over the lanes of one vector.
         width = next((width for width in WIDTHS if count <= 2 * width), WIDTHS[-1])
         self.coefficients = changes.coefficients.reshape(*changes.coefficients.shape[:2], -1)  # (B, T, 3 P)
         moves = ((VELOCITY, changes.v0), (SPIN, changes.C0))
@@ -131,7 +131,7 @@ class _Carrier:
         self.boxes = np.zeros((0, 6), np.int32)
 
     def run(self, coefficients: np.ndarray, journal: Journal, wanted: Wanted) -> tuple[np.ndarray, np.ndarray]:
-        """Frame by frame under coefficients (T, P, 3) [m/s²]: what `tangents` returns, and what it raises."""
+        """All frames under coefficients (T, P, 3) [m/s²]. Returns and raises as `tangents`."""
         frames, n = len(coefficients), self.model.particles
         x = np.empty((frames + 1, n, 3))
         x[0] = self.state.x
@@ -162,12 +162,12 @@ class _Carrier:
         return x, changed
 
     def _so_far(self, x: np.ndarray, changed: np.ndarray) -> dict[str, np.ndarray]:
-        """All that the next frame follows from."""
+        """Everything that the next frame depends on, for the journal."""
         state = self.state
         return {"x": x, "changed": changed, "v": state.v, "C": state.C, "F": state.F, **self.columns.state()}
 
     def _record(self, acceleration: np.ndarray, gradient: np.ndarray, frame: int) -> int:
-        """The frame's substeps, kept and linearised; moves the body on. Returns their number: the model's, or twice that."""
+        """Advance the body by a frame, keep its substeps and linearise them. Returns their number: the model's, or twice that."""
         m, packing = self.model, self.body.packing
         conditions = conditions_for(m, frame, self.state)
         force = packing.forces(packing.active, acceleration, gradient)
@@ -187,7 +187,7 @@ class _Carrier:
         return substeps
 
     def _failure(self, status: np.ndarray, frame: int, substeps: int) -> SimulationError:
-        """The error for a frame that broke in both lengths of substeps."""
+        """The error for a frame that failed with either length of substeps."""
         at = int(status[DONE]) + (status[CODE] != substep.BURST)
         columns = self.rows.reshape(-1, self.count, 2, 3, 4)[at]  # of F with x, of C with v
         F, (x, v) = columns[:, 0, :, :3].swapaxes(1, 2), (columns[:, k, :, 3] for k in (0, 1))
@@ -195,7 +195,7 @@ class _Carrier:
         return failure((code, int(self.body.packing.active[worst]), int(status[DONE])), frame, substeps)
 
     def _make_room(self, substeps: int) -> None:
-        """For all that is kept of a frame; memory that is used again need not be fetched from the system again."""
+        """Allocate what is kept of a frame; memory of the same size is reused, which saves getting it from the system again."""
         if substeps == len(self.boxes):
             return
         count, flowing = self.count, self.model.plastic
@@ -206,14 +206,14 @@ class _Carrier:
         self.flow = np.empty(substeps * count * FLOW if flowing else 1, np.float32)
 
     def _linearise(self, pieces: list[Piece], force: np.ndarray) -> None:
-        """Fills corner, record, flows, flow, inverse_mass and velocity from what the frame has kept."""
+        """Fill corner, record, flows, flow, inverse_mass and velocity from the frame's kept substeps."""
         m, substeps, begin, flowing = self.model, len(self.boxes), 0, self.model.plastic
         self.nodes = int(np.prod(self.boxes[:, 3:].astype(np.int64), axis=1).max())
         self.inverse_mass = np.empty((substeps, self.nodes), np.float32)
         self.velocity = np.empty(3 * substeps * self.nodes, np.float32)
         for piece, end in zip(pieces, ends_of(len(pieces), substeps)):
             bounds = np.concatenate([np.zeros(3 * substep.CLAMP_LO, np.int32), piece.lo])
-            # Only what flows is so long that this is worth it; the rest would take a twentieth longer to run.
+            # `compiled_sooner` only pays for the long kernels of plastic laws; the others would take a twentieth longer to run.
             with contracted(), compiled_sooner() if flowing else nullcontext(), compiled_in(np.float64):
                 linearise.node_motion(
                     begin, end, self.body.capacity, LEAST_MASS * float(m.mass.min()), self.boxes, self.body.grid,
@@ -226,10 +226,10 @@ class _Carrier:
             begin = end
 
     def _source(self, force: np.ndarray, substeps: int, gradient: np.ndarray, spatial: np.ndarray) -> np.ndarray:
-        """What the columns' force (columns, 3 P) gives in a substep, (groups, M, SOURCE, width); `spatial` (M, 3, 3) is F^-1 at the frame's
-        start.
+        """The columns' sources in a substep, (groups, M, SOURCE, width), for changes `force` (columns, 3 P) of the coefficients; `spatial`
+        (M, 3, 3) is F^-1 at the frame's start.
 
-        `gradient` (M, 3, 3), grad a, changes with F itself by -grad a dF F^-1; nodes that go along undo just that.
+        `gradient` (M, 3, 3), grad a, also changes with F, by -grad a dF F^-1; in an elastic body, nodes that move along cancel just that.
         """
         m, n, (groups, width) = self.model, self.count, (len(self.columns.lanes), self.columns.width)
         momentum = torch.from_numpy(m.mass[self.active] * m.frame_dt / substeps)

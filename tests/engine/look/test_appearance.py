@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from seeing_wind.engine.conventions import front_view
 from seeing_wind.engine.look.contributions import contributions
-from seeing_wind.engine.look.covering import joined, uncovered
+from seeing_wind.engine.look.covering import cover_bare_surface, joined
 from seeing_wind.engine.look.gaussians import FLATTENING, SH0
 from seeing_wind.engine.look.over_clip import BANDS, Footage, fit_appearance
 from seeing_wind.engine.look.splatting import render_gaussians
@@ -131,13 +131,13 @@ def test_contributions_make_the_frame() -> None:
 def test_what_is_covered_is_not_covered_again() -> None:
     body, found = front_only(), motion()
     frames, masks = filmed(found, np.ones(len(TURN)))
-    assert len(uncovered(body, body.gaussians, CAMERA, masks[0], frames[0]).x) < 0.05 * len(body.gaussians.x)
-    new = uncovered(body, body.gaussians, CAMERA, masks[4], frames[4], 4, found.x[4])
+    assert len(cover_bare_surface(body, body.gaussians, CAMERA, masks[0], frames[0]).x) < 0.05 * len(body.gaussians.x)
+    new = cover_bare_surface(body, body.gaussians, CAMERA, masks[4], frames[4], 4, found.x[4])
     right = new.x[:, 0] > 0.49 * SIZE[0]
     assert right.sum() > 60 and right.mean() > 0.7, "the side that turned into view"
     assert np.abs(new.sh[right, 0] * SH0 + 0.5 - SIDE).max() < 0.01
     both = joined(body.gaussians, new)
-    assert len(uncovered(body, both, CAMERA, masks[4], frames[4], 4, found.x[4]).x) < 0.1 * len(new.x)
+    assert len(cover_bare_surface(body, both, CAMERA, masks[4], frames[4], 4, found.x[4]).x) < 0.1 * len(new.x)
 
 
 def test_the_back_of_a_leaf_is_not_covered_by_its_front() -> None:
@@ -148,8 +148,8 @@ def test_the_back_of_a_leaf_is_not_covered_by_its_front() -> None:
     behind = dataclasses.replace(CAMERA, camera_to_world=around)
     mask, image = np.ones((48, 64), bool), np.zeros((48, 64, 3), np.uint8)
     leaf = dataclasses.replace(body, surface=thin)
-    assert len(uncovered(leaf, front, CAMERA, mask, image).x) < 20
-    assert len(uncovered(leaf, front, behind, mask, image).x) > 300
+    assert len(cover_bare_surface(leaf, front, CAMERA, mask, image).x) < 20
+    assert len(cover_bare_surface(leaf, front, behind, mask, image).x) > 300
 
 
 def test_sides_and_light_of_the_whole_clip() -> None:

@@ -16,7 +16,7 @@ KPLANES_AXES = [(0, 1), (0, 2), (1, 2), (0, 3), (1, 3), (2, 3)]
 class KPlanes(NeuralModule):
     """f(x, t) = D(product of six planes' features); arguments as for `CausalTriPlane`, with one resolution level.
 
-    Planes start at one, so that a plane over time that has learned nothing changes nothing.
+    Planes start near one, so that a plane over time that has not learned anything has no effect.
     """
 
     def __init__(self, frames: int, nodes: tuple[int, int, int], features: int = 32, width: int = 128, hidden: int = 1, degree: int = 2):
@@ -34,7 +34,7 @@ class KPlanes(NeuralModule):
         return self.planes.multiplied(stencil)
 
     def roughness(self) -> tuple[torch.Tensor, torch.Tensor]:
-        # its total variation covers time, too
+        # the total variation covers time, too
         return self.planes.total_variation(), self.planes.table.new_zeros(())
 
     def rates(self) -> list[dict[str, Any]]:

@@ -1,4 +1,4 @@
-"""A field as its values on a lattice: what a field object in Blender carries when its take is not at hand."""
+"""A field as values on a lattice: the form that a field object in Blender carries when its take is not available."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class ForceFieldLattice(ForceField):
     Args:
         box, fps, frames: as in `ForceField`.
         force: (N, A, B, C, 3) [N/m³], two nodes or more along each axis.
-        row: (T,) which of the N acts in each frame: a wind that repeats itself is stored once.
+        row: (T,) which of the N lattices acts in each frame; a wind that repeats itself is stored only once.
     """
 
     representation = "lattice"
@@ -27,7 +27,7 @@ class ForceFieldLattice(ForceField):
         if self.force.ndim != 5 or self.force.shape[4] != 3 or min(self.force.shape[1:4]) < 2 or self.row.shape != (self.frames,):
             raise ValueError(f"force and row have shapes {self.force.shape} and {self.row.shape}, for {self.frames} frames")
         if not np.issubdtype(self.row.dtype, np.integer) or self.row.min() < 0 or self.row.max() >= len(self.force):
-            raise ValueError(f"row names what is not among {len(self.force)} lattices")
+            raise ValueError(f"row refers to lattices other than the {len(self.force)} that there are")
 
     def _force(self, points: np.ndarray, frame: int) -> np.ndarray:
         return value_at(self.force[self.row[frame]], self.box, points)

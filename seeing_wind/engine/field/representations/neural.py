@@ -1,4 +1,4 @@
-"""What all learned representations share: normalised coordinates in, normalised force out, torch inside, NumPy outside."""
+"""The base of all learned representations: normalised coordinates in, normalised force out; torch inside, NumPy outside."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from ..force_field import ForceField
 from .planes import Stencil
 
 STRONGEST = 1e15
-"""N/m³ beyond which a force density is a damaged number: the densest matter under a million g takes 2e11."""
+"""Force density [N/m³] beyond which a number must be damaged: the densest matter at a million g needs 2e11."""
 
 
 class NeuralModule(nn.Module):
-    """A representation as torch sees it: coordinates in the box scaled to 0..1 and a frame -> force over the field's scale.
+    """A representation as a torch module: coordinates in the box, scaled to 0..1, and a frame -> force over the field's scale.
 
-    A query goes through `stencil` (where the point lies in the planes; fixed while fitting to fixed points), `latent` and `decoder`.
+    A query goes through `stencil` (where the point lies in the planes; constant while fitting to fixed points), `latent` and `decoder`.
 
     Args:
-        shape: the constructor's arguments besides `frames`, for the file.
+        shape: the constructor's arguments other than `frames`, for the file.
     """
 
     decoder: nn.Sequential
@@ -34,7 +34,7 @@ class NeuralModule(nn.Module):
         self.shape = shape
 
     def stencil(self, s: torch.Tensor, frame: torch.Tensor) -> Stencil:
-        """Coordinates (S, 3) in 0..1 and frames (S,) -> the nodes that carry each query."""
+        """Coordinates (S, 3) in 0..1 and frames (S,) -> the nodes that each query depends on, and their weights."""
         raise NotImplementedError
 
     def latent(self, stencil: Stencil, frame: torch.Tensor) -> torch.Tensor:
@@ -107,15 +107,16 @@ class ForceFieldNeural(ForceField):
 
 
 def _checked_shape(shape: Any, frames: int, weights: dict[str, torch.Tensor], planes_of_time: bool) -> dict[str, Any]:
-    """The constructor's arguments that a file states, none of them larger than the `weights` that came with them can fill.
+    """The constructor's arguments from a file, checked against the number of `weights` that the file has.
 
-    `planes_of_time`: the module has planes over space and time, too.
+    The check comes first, because the module allocates its memory before its weights can be compared with the file's. `planes_of_time`:
+    the module also has planes over space and time.
 
     Raises:
-        KeyError, ValueError: for others. The module takes its memory before its weights can be compared with the file's.
+        KeyError, ValueError: for arguments that are missing, invalid, or ask for more weights than there are.
     """
     if not isinstance(shape, dict) or shape.get("degree", 2) not in (1, 2):
-        raise ValueError("its shape is none of this version")
+        raise ValueError("its shape is not one of this version")
     values = sum(weight.numel() for weight in weights.values())
     for key, value in [("frames", frames), *shape.items()]:
         numbers = np.ravel(value).tolist()

@@ -1,4 +1,4 @@
-"""Feature planes with B-spline interpolation: the building block of tri-planes and K-planes."""
+"""Feature planes with B-spline interpolation: the building block of tri-planes and K-Planes."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def spline_weights(s: torch.Tensor, nodes: int, degree: int) -> tuple[torch.Tens
     Args:
         s: (S,) coordinates, clamped to 0..1.
         nodes: at least degree + 1.
-        degree: 1 (linear, as in EG3D) or 2 (quadratic, as the grid of the simulator: its gradient is continuous).
+        degree: 1 (linear, as in EG3D) or 2 (quadratic, as on the simulator's grid; its gradient is continuous).
 
     Returns:
         index (S, degree + 1) int64 and weight (S, degree + 1), rows summing to one.
@@ -40,8 +40,8 @@ def spline_weights(s: torch.Tensor, nodes: int, degree: int) -> tuple[torch.Tens
 
 
 class _Gathered(torch.autograd.Function):
-    """Rows of a table (nodes, features), weighted and summed for each of S points: `torch.nn.functional.embedding_bag`, whose own way back
-    sorts all rows of every batch and took a third of a fit's time."""
+    """Rows of a table (nodes, features), weighted and summed for each of S points: `torch.nn.functional.embedding_bag` with a faster
+    backward pass. Its own sorts all rows of every batch, which took a third of a fit's time."""
 
     @staticmethod
     def forward(ctx: Any, table: torch.Tensor, rows: torch.Tensor, weights: torch.Tensor) -> torch.Tensor:
@@ -51,8 +51,8 @@ class _Gathered(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx: Any, *slopes: torch.Tensor) -> tuple[torch.Tensor | None, None, torch.Tensor | None]:
-        """d loss / d output (S, features) -> d loss / d table and d weights, of their shapes, where they are asked for: as the output is
-        A table with the sparse A (S, nodes) of weights, the first is A^T d loss / d output."""
+        """d loss / d output (S, features) -> d loss / d table and d loss / d weights, where needed. The output is A table, with the sparse
+        matrix A (S, nodes) of weights, so the former is A^T d loss / d output."""
         table, rows, weights = ctx.saved_tensors
         (slope,) = slopes
         of_table = of_weights = None
@@ -78,7 +78,7 @@ class Planes(nn.Module):
         nodes: for each plane, the node count along its two axes.
         features: length of a node's feature vector.
         degree: of the splines; see `spline_weights`.
-        start, spread: features start as start + spread * normal noise.
+        start, spread: features are initialised as start + spread * normal noise.
     """
 
     def __init__(
@@ -91,7 +91,7 @@ class Planes(nn.Module):
         self.table = nn.Parameter(start + spread * torch.randn(self.offset[-1], features))
 
     def stencil(self, s: torch.Tensor) -> Stencil:
-        """Coordinates (S, A) in 0..1 -> the nodes that carry each point, Q = (degree + 1)² per plane."""
+        """Coordinates (S, A) in 0..1 -> the nodes that each point depends on, Q = (degree + 1)² per plane, and their weights."""
         rows, weights = [], []
         for (a, b), (nodes_a, nodes_b), offset in zip(self.axes, self.nodes, self.offset):
             index_a, weight_a = spline_weights(s[:, a], nodes_a, self.degree)
@@ -122,7 +122,7 @@ class Planes(nn.Module):
 
 
 def decoder(features: int, width: int, hidden: int) -> nn.Sequential:
-    """MLP features -> `hidden` layers of `width` -> 3 with smooth activations; the last layer starts at zero, so the force does."""
+    """MLP features -> `hidden` layers of `width` -> 3 with smooth activations; the last layer starts at zero, and with it the force."""
     layers: list[nn.Module] = []
     for layer in range(hidden):
         layers += [nn.Linear(features if layer == 0 else width, width), nn.SiLU()]

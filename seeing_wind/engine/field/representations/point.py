@@ -12,7 +12,7 @@ from ..force_field import ForceField
 
 
 class ForceFieldPoint(ForceField):
-    """Every query gets the force of the particle that is nearest in that frame; the gradient is zero.
+    """Every query returns the force of the particle nearest in that frame; the gradient is zero.
 
     Args:
         box, fps, frames: as in `ForceField`.

@@ -14,14 +14,14 @@ TRIPLANE_AXES = [(0, 1), (0, 2), (1, 2)]
 
 
 WIDTH = 16
-"""Of the hidden layer of the encoder of time."""
+"""Width of the hidden layer of the time encoder."""
 
 
 class CausalTimeEncoder(nn.Module):
-    """phi: a small MLP from time to a feature vector, with weights of its own in every frame.
+    """phi: a small MLP from time to a feature vector, with its own weights in every frame.
 
     The weights of frame t are stored as a step from those of frame t - 1: theta_t = theta_(t-1) + step_t. Steps start at zero, so every
-    frame starts from what its predecessor has learned and inherits whatever the predecessor still learns: the paper's recursion, for all
+    frame starts from what its predecessor has learned, and inherits what the predecessor learns later: the paper's recursion, for all
     frames at once.
     """
 
@@ -41,7 +41,7 @@ class CausalTimeEncoder(nn.Module):
         return torch.einsum("tfw,tw->tf", out.view(self.frames, self.features, WIDTH), hidden) + bias
 
     def variation(self) -> torch.Tensor:
-        """L_time = |theta_t - theta_(t-1)|, Eq. (15), as a mean square: the absolute value has its kink at the start."""
+        """L_time = |theta_t - theta_(t-1)|, Eq. (15), as a mean square: the absolute value has a kink at zero, where the fit starts."""
         return self.step.square().sum(dim=1).mean() if self.frames > 1 else self.first.new_zeros(())
 
 
@@ -49,7 +49,7 @@ class CausalTriPlane(NeuralModule):
     """f(x, t) = D(gamma(x) + phi(t; phi(t-1))) in normalised coordinates and force.
 
     gamma sums three planes per resolution level, as EG3D does. EG3D interpolates linearly (degree 1); the default here is quadratic,
-    because the simulator applies the field's gradient too and linear interpolation makes that jump at every cell.
+    because the simulator also applies the field's gradient, which jumps from cell to cell under linear interpolation.
 
     Args:
         frames: T.
@@ -77,7 +77,7 @@ class CausalTriPlane(NeuralModule):
         return self.planes.total_variation(), self.time.variation()
 
     def rates(self) -> list[dict[str, Any]]:
-        # a code is the sum of up to T steps, so the steps learn T times slower than single weights may
+        # a frame's weights are a sum of up to T steps, so the steps get a learning rate T times smaller than single weights could have
         return [
             {"params": self.planes.parameters(), "lr": 3e-2},
             {"params": self.time.parameters(), "lr": 0.35 / max(self.time.frames, 24)},

@@ -1,10 +1,10 @@
-"""What the user looks at after a recovery.
+"""The files that show the user the result of a recovery.
 
-    report.py       report.json, and the order of the rest       products.py  each product apart from the others
-    figure.py       report.png                                   footage.py   the clip once more, small
+    report.py       report.json, and the order of the products   products.py  making each product independently of the others
+    figure.py       report.png                                   footage.py   the clip again, reduced for the videos
     overlay.py      overlay.mp4                                  drawing.py   its arrows and instruments
-    resimulated.py  resimulated.mp4                              backdrop.py  its clean plate
-    colours.py      from weak to strong                          accuracy.py  errors against a known field
+    resimulated.py  resimulated.mp4                              backdrop.py  its background
+    colours.py      colours from weak to strong                  accuracy.py  errors against a known field
 """
 
 from .accuracy import field_errors, uniform_errors

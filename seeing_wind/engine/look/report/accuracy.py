@@ -1,4 +1,4 @@
-"""How far a recovered field is from a known one, by the two numbers of the paper's tables."""
+"""Errors of a recovered field against a known one: the two numbers of the paper's tables."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 from ...errors import UsageError
 
 WEAK = 0.05
-"""Where the true force is under this part of the clip's root mean square it is left out: a relative error means nothing there."""
+"""Places where the true force is below this fraction of the clip's root mean square are left out: a relative error means nothing there."""
 
 
 def field_errors(want: np.ndarray, got: np.ndarray, free: np.ndarray | None = None) -> tuple[float, float]:
@@ -38,7 +38,7 @@ def field_errors(want: np.ndarray, got: np.ndarray, free: np.ndarray | None = No
 
 
 def uniform_errors(want: np.ndarray, free: np.ndarray | None = None) -> tuple[float, float]:
-    """The errors of a uniform field with the right net force in every frame: what a recovery without spatial detail would score."""
+    """The errors of the uniform field with the right net force in every frame: those of a recovery without any spatial detail."""
     want = np.asarray(want, dtype=np.float64)
     chosen = want if free is None else want[:, free]
     return field_errors(want, np.broadcast_to(chosen.mean(axis=1, keepdims=True), want.shape), free)

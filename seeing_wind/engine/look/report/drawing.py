@@ -1,4 +1,4 @@
-"""What is drawn over a frame: arrows that stay legible on any ground, and the instruments: colour bar, net-force dial, frame and time."""
+"""What is drawn over a frame: arrows that are visible on any background, and the instruments: colour bar, force dial, frame and time."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Dials:
 
     Args:
         top: force density [N/m³] at the colour bar's upper end.
-        strongest: largest mean force density [N/m³] of the clip: the dial's rim.
+        strongest: largest mean force density [N/m³] in the clip, which reaches the dial's rim.
     """
 
     def __init__(self, size: tuple[int, int], top: float, strongest: float) -> None:
@@ -40,11 +40,11 @@ class Dials:
         self._panel = panels[..., :3] * self._alpha
 
     def draw(self, canvas: np.ndarray, seen: np.ndarray, mean: np.ndarray, frame: int, seconds: float) -> None:
-        """Draw into `canvas` (H, W, 3) RGB.
+        """Draw the instruments into `canvas` (H, W, 3) RGB.
 
         Args:
             seen: (3,) mean force density in the camera's axes [N/m³]; mean: the same in world axes.
-            frame, seconds: what the clock shows.
+            frame, seconds: the frame's number and time.
         """
         canvas[:] = (canvas * (1 - self._alpha) + self._panel + 0.5).astype(np.uint8)
         strength = float(np.linalg.norm(mean))
@@ -59,7 +59,7 @@ class Dials:
     def _write(
         self, canvas: np.ndarray, place: tuple[float, float], text: str, font: ImageFont.FreeTypeFont, colour: tuple[int, int, int]
     ) -> None:
-        """Text with its left middle at `place`, blended into the canvas."""
+        """Blend text into the canvas, with the middle of its left edge at `place`."""
         left, upper, right, lower = (round(edge) for edge in font.getbbox(text, anchor="lm"))
         stamp = Image.new("L", (right - left + 2, lower - upper + 2))
         ImageDraw.Draw(stamp).text((1 - left, 1 - upper), text, 255, font, "lm")
@@ -69,7 +69,7 @@ class Dials:
         patch[:] = (patch * (1 - alpha) + np.array(colour) * alpha + 0.5).astype(np.uint8)
 
     def _panels(self) -> Image.Image:
-        """Everything that does not change, drawn four times as large and shrunk: Pillow's shapes are not anti-aliased."""
+        """Everything that does not change; drawn four times as large and reduced, because Pillow's shapes are not anti-aliased."""
         fine, (width, height), u = 4, self.size, self.unit
         sheet = Image.new("RGBA", (width * fine, height * fine))
         draw = ImageDraw.Draw(sheet)
@@ -91,7 +91,7 @@ class Dials:
         return sheet
 
     def _scale(self, sheet: Image.Image) -> None:
-        """The colour bar with its numbers, top right."""
+        """Draw the colour bar with its numbers, top right."""
         u, width = self.unit, self.size[0]
         left, upper, wide, high = round(width - 96 * u), round(48 * u), round(13 * u), round(176 * u)
         colours = force_colours(np.linspace(1, 0, high))[:, None].repeat(wide, axis=1)
@@ -125,5 +125,5 @@ def draw_arrow(canvas: np.ndarray, tail: np.ndarray, tip: np.ndarray, colour: tu
 
 
 def _fixed(points: np.ndarray) -> np.ndarray:
-    """Pixels in OpenCV's fixed point with four fractional bits."""
+    """Points in pixels as OpenCV's fixed-point numbers with four fractional bits."""
     return np.round(points * 16).astype(np.int32)

@@ -37,7 +37,7 @@ def draw_report(
         confidence: (T, N) of the field at the particles.
         observation: None for a recovery from 3D trajectories; the fourth panel then shows the path instead of a frame.
     """
-    # A figure of its own canvas: pyplot would keep global state and choose a back end by the display.
+    # A figure with its own canvas: pyplot would keep global state and choose a back end by the display.
     figure = Figure(figsize=(12.4, 8.2), dpi=120, facecolor=PAPER, layout=ConstrainedLayoutEngine(w_pad=0.14, h_pad=0.14))
     FigureCanvasAgg(figure)
     (force, image), (residual, cover) = figure.subplots(2, 2, width_ratios=(1.15, 1))
@@ -78,7 +78,7 @@ def _dress(axes: Axes, title: str, xlabel: str = "", ylabel: str = "") -> None:
 
 
 def _net_force(axes: Axes, force: np.ndarray, fps: float, wild: np.ndarray | None) -> None:
-    """Each value is held over its frame, so it is drawn as steps; grey in frames (T,) bool that are `wild`, where it is not seen."""
+    """Draw the net force (T, 3) [N] as steps, because each value holds over its interval; grey where `wild` (T,) bool: it was not seen."""
     unit, factor = ("mN", 1e3) if np.abs(force).max() < 0.1 else ("N", 1.0)
     edges, values = np.arange(len(force) + 1) / fps, factor * force
     _dress(axes, "Net force on the object", "seconds", unit)
@@ -114,7 +114,7 @@ def _residual(axes: Axes, recovery: Recovery, fps: float) -> None:
 
 
 def _confidence(axes: Axes, figure: Figure, recovery: Recovery, confidence: np.ndarray) -> None:
-    """Mean confidence of each particle on the body at rest, from the side that shows most of it."""
+    """Draw the mean confidence of each particle on the body in frame 0, from the side that shows most of it."""
     a, b = _broad_axes(recovery.x[0])
     _dress(axes, "Confidence on the object (mean over frames)", f"{'xyz'[a]} [m]", f"{'xyz'[b]} [m]")
     mean = confidence.mean(axis=0)
@@ -128,7 +128,7 @@ def _confidence(axes: Axes, figure: Figure, recovery: Recovery, confidence: np.n
 
 
 def _path(axes: Axes, figure: Figure, recovery: Recovery) -> None:
-    """Where the body went, coloured by the strength of the force on it."""
+    """Draw the path of the body, coloured by the strength of the force on it."""
     a, b = _broad_axes(recovery.x.reshape(-1, 3))
     _dress(axes, "Path of the object, coloured by force density [N/m³]", f"{'xyz'[a]} [m]", f"{'xyz'[b]} [m]")
     strength = np.linalg.norm(recovery.force_density, axis=-1)

@@ -1,4 +1,4 @@
-"""The clip once more, for the report: decoded once, small for the videos, and a few frames at their own size for what is measured."""
+"""The clip again, for the report: decoded once, reduced for the videos, with a few frames at full size for the measurements."""
 
 from __future__ import annotations
 
@@ -17,33 +17,34 @@ from ...progress import Progress
 from ...records import Observation, Recovery
 
 LONGEST = 1280
-"""Pixels of the longer side of the report's images and videos at most: they are looked at, not measured."""
+"""Longer side of the report's images and videos [px], at most: they are looked at, not measured."""
 
 
 @dataclass(frozen=True)
 class Footage:
-    """What was filmed, and what was seen in it."""
+    """The clip's frames, and what was observed in them."""
 
     clip: Clip
-    """Its frames at the size of `small`."""
+    """Its frames, at the size of `small`."""
     seen: Observation
+    """The observation at the clip's own size."""
     lens: Lens
     small: Observation
-    """The same at the size of the report's videos: only frame, background, masks, tracks, and a camera to go with them."""
+    """The observation at the size of the report's videos: only frame, background, masks, tracks, and the matching camera."""
 
     def straight(self, t: int) -> np.ndarray:
-        """Frame t (H, W, 3) uint8 RGB at the file's own size without lens distortion; t must have been asked for in `film`."""
+        """Frame t (H, W, 3) uint8 RGB at the file's own size, without lens distortion; t must have been in `keep` of `film`."""
         return self.lens.straight_one(self.clip.as_filmed(t))
 
 
 def film(observation: Observation, recovery: Recovery, small: Observation, keep: Collection[int], progress: Progress) -> Footage:
-    """Decode the observation's frames, those in `keep` at the file's own size, too.
+    """Decode the observation's frames; those in `keep` also at the file's own size.
 
     Args:
         small: `reduced(observation)`.
 
     Raises:
-        ClipError: the clip is not there any more, is shorter than the recovery or of another size, or there is no room on disk.
+        ClipError: the clip no longer exists, is shorter than the recovery or of another size, or there is no room on disk.
     """
     last = observation.first_frame + observation.frames
     size = small.image.shape[0], small.image.shape[1]
@@ -57,13 +58,13 @@ def film(observation: Observation, recovery: Recovery, small: Observation, keep:
 
 
 def check_length(frames: int, recovery: Recovery) -> None:
-    """Raises ClipError where the clip has fewer frames than the recovery."""
+    """Raise ClipError if the clip has fewer frames than the recovery."""
     if frames < len(recovery.x):
         raise ClipError(f"The clip has {frames} frames, the recovery {len(recovery.x)}.", "Has the file been changed?")
 
 
 def reduced(observation: Observation) -> Observation:
-    """The observation at the size of the report's videos: itself where it is not larger."""
+    """The observation at the size of the report's videos; unchanged if it is not larger."""
     height, width = observation.image.shape[:2]
     factor = LONGEST / max(height, width)
     if factor >= 1.0:

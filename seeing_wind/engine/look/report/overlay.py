@@ -18,13 +18,13 @@ from .drawing import Dials, draw_arrow
 from .footage import check_length
 
 LONGER = 960
-"""Clips whose longer side has fewer pixels are enlarged to at least these, or arrows and numbers would be coarse."""
+"""Clips with fewer pixels along their longer side are enlarged to at least this many, so that arrows and numbers are not coarse."""
 
 LONGEST = 0.15
 """Length of the strongest arrow over the frame's height."""
 
 SHOWN = 0.15
-"""Arrows of less confidence are not drawn, and pale below one half."""
+"""Arrows with less confidence are not drawn; below one half they are pale."""
 
 
 def write_overlay(
@@ -39,9 +39,9 @@ def write_overlay(
     """Draw the field's forces at the moving particles on every frame and write overlay.mp4 into the take.
 
     Args:
-        frames: (T+1, H, W, 3) uint8 RGB; observation: at their size.
-        recovery: its simulated particle positions carry the arrows.
-        sampled: force density (T, N, 3) and confidence (T, N) of `field` at the particles, if they are known already: it takes long.
+        frames: (T+1, H, W, 3) uint8 RGB; observation: at the frames' size.
+        recovery: the arrows start at its simulated particles.
+        sampled: force density (T, N, 3) and confidence (T, N) of `field` at the particles, if known already; sampling takes long.
 
     Raises:
         ClipError: when `frames` ends before frame T.
@@ -56,12 +56,12 @@ def write_overlay(
 
 
 class _Drawing:
-    """What stays the same over the video: which particles carry arrows, the scale, the dials."""
+    """What stays the same throughout the video: which particles carry arrows, the scale, the dials."""
 
     def __init__(self, observation: Observation, recovery: Recovery, fps: float, sampled: tuple[np.ndarray, np.ndarray]) -> None:
         height, width = observation.image.shape[:2]
         self.zoom = max(1, -(-LONGER // max(width, height)))
-        # encoders of 4:2:0 video want even sizes
+        # encoders of 4:2:0 video need even sizes
         self.size = (width * self.zoom // 2 * 2, height * self.zoom // 2 * 2)
         self.camera, self.recovery, self.fps = observation.camera, recovery, fps
         self.chosen = _carriers(observation, recovery.x)
@@ -96,7 +96,7 @@ class _Drawing:
 
 
 def _carriers(observation: Observation, x: np.ndarray) -> np.ndarray:
-    """Particles that carry arrows: spread evenly, so many that arrows stand about a twenty-sixth of the frame apart."""
+    """Particles that carry arrows: evenly spread, about a twenty-sixth of the frame apart."""
     height, width = observation.image.shape[:2]
     apart = max(height, width) / 26
     count = int(np.clip(observation.masks[0].sum() / apart**2, 7, 70))

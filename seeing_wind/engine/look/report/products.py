@@ -1,4 +1,4 @@
-"""The products of a report, each made apart from the others: one that cannot be made does not cost the rest."""
+"""The products of a report, each made independently: one that cannot be made does not prevent the others."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ class _Numbers:
 
 
 class Products:
-    """Makes products one by one, keeping the time that each takes and why one is missing.
+    """Makes products one by one, and records how long each takes, or why it is missing.
 
     Args:
-        journal: of the report, so that a file that a killed run has made is not made again.
+        journal: the report's, so that a file made by a run that was killed is not made again.
 
     Attributes:
-        record: `level`; `seconds` per product made; `missing`, a sentence per product that could not be.
+        record: `level`; `seconds` per product made; `missing`, a sentence for each product that could not be made.
     """
 
     def __init__(self, level: Level, progress: Progress, journal: Journal) -> None:
@@ -40,7 +40,7 @@ class Products:
         self.record: dict[str, Any] = {"level": level, "seconds": {}, "missing": {}}
 
     def make(self, name: str, work: Callable[[], T], *, timed: bool = True) -> T | None:
-        """What `work` returns; None where it fails, which is told in a warning. Not `timed`: its seconds are not kept."""
+        """The result of `work`, or None, with a warning, if it fails. Without `timed` its seconds are not recorded."""
         started = time.perf_counter()
         try:
             result = work()
@@ -50,7 +50,7 @@ class Products:
             self._miss(name, str(error))
             return None
         except Exception as error:
-            # The field is there already, and whatever an odd codec or library does to an image of it must not cost the job.
+            # The field has been recovered already: whatever an odd codec or library does to an image of it must not fail the job.
             traceback.print_exc()
             self._miss(name, f"Unexpected {type(error).__name__}: {error}. The log has the details.")
             return None
@@ -59,7 +59,7 @@ class Products:
         return result
 
     def film(self, path: Path, work: Callable[[], dict[str, float] | None]) -> dict[str, float] | None:
-        """`make` for the file `path` that `work` writes, and the numbers about it that it returns."""
+        """`make` for a `work` that writes the file `path`; returns the numbers about it that `work` returns."""
 
         def numbers() -> _Numbers:
             return _Numbers(json.dumps(work()))

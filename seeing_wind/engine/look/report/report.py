@@ -1,4 +1,4 @@
-"""report.json: what a recovery found, in numbers that a script can read."""
+"""report.json: the results of a recovery, in numbers that a script can read."""
 
 from __future__ import annotations
 
@@ -36,20 +36,20 @@ def write_report(
     expected: dict[str, float] | None = None,
     journal: Journal = Journal(),
 ) -> dict[str, Any]:
-    """Write what `level` asks for of a recovery from a clip.
+    """Write the products that `level` asks for, of a recovery from a clip.
 
-    none: nothing. quick: report.json, report.png and overlay.mp4. full: resimulated.mp4 and its likeness to the clip, too, and
-    gaussians.ply with the look that fits the whole clip. A product that cannot be made is named in a warning, and the others are made.
+    none: nothing. quick: report.json, report.png and overlay.mp4. full: also resimulated.mp4 with its likeness to the clip, and
+    gaussians.ply with the look fitted to the whole clip. A product that cannot be made is named in a warning, and the others are made.
 
     Args:
         seconds: wall-clock seconds per stage.
-        expected: seconds that a stage was expected to take before it began, by its name.
+        expected: seconds that each stage, by its name, was expected to take before it began.
         settings: of the recovery, repeated in the report.
-        wind: what `recovery.wind.stage` says of it; None or empty where none was asked for.
+        wind: the results of `recovery.wind.stage`; None or empty if no wind was asked for.
 
     Returns:
-        What report.json holds. Its `report` tells of this report: `level`, `seconds` per product, and `missing`, the products that could
-        not be made, each with a sentence why.
+        The contents of report.json. Its `report` is about the report itself: `level`, `seconds` per product, and `missing`, the products
+        that could not be made, each with a sentence that says why.
     """
     sampled = sample_points(field, recovery.x[:-1])
     confidence = sampled[1]
@@ -68,9 +68,9 @@ def write_report(
     if footage is not None:
         products.film(take.file("overlay.mp4"), lambda: write_overlay(take, footage.clip.frames, small, recovery, field, progress, sampled))
     if footage is not None and full:
-        # Where the look cannot be fitted, that of frame 0 does.
+        # If the look cannot be fitted, that of frame 0 is used.
         body = products.make("gaussians.ply", lambda: _write_look(take, footage, body, recovery, progress, products.journal)) or body
-        # How well force, body and look together explain the frames themselves.
+        # The likeness: how well force, body and look together reproduce the frames.
         written = take.file("resimulated.mp4")
         alike = products.film(
             written, lambda: write_resimulated(take, footage.clip.frames, small, body, recovery, progress, products.journal)
@@ -96,7 +96,7 @@ def write_trajectory_report(
     wind: dict[str, Any] | None = None,
     expected: dict[str, float] | None = None,
 ) -> dict[str, Any]:
-    """Write report.json and report.png of a recovery from 3D trajectories: there is no clip to draw on. As `write_report`."""
+    """Write report.json and report.png of a recovery from 3D trajectories, which has no clip to draw on. Otherwise as `write_report`."""
     confidence = sample_points(field, recovery.x[:-1])[1]
     figures = _figures(particles, material, recovery, field, confidence, seconds, expected, settings)
     _add_wind(figures, wind)
@@ -117,7 +117,7 @@ def _first(
     confidence: np.ndarray,
     observation: Observation | None,
 ) -> None:
-    """report.png, and report.json before the videos, which take long: what is known by then is not lost with them."""
+    """Make report.png and a first report.json before the videos, which take long: these results are kept even if the videos fail."""
 
     def page() -> None:
         with take.writing("report.png") as path:
@@ -128,7 +128,7 @@ def _first(
 
 
 def _write_look(take: Take, footage: Footage, body: Body, recovery: Recovery, progress: Progress, journal: Journal) -> Body:
-    """gaussians.ply with the look of the whole clip; the body with that look."""
+    """Write gaussians.ply with the look fitted to the whole clip; returns the body with that look."""
     gaussians = journal.once("look", Gaussians, lambda: look_over_clip(footage, body, recovery, progress).gaussians)
     body = dataclasses.replace(body, gaussians=gaussians)
     with take.writing("gaussians.ply") as path:
@@ -170,7 +170,7 @@ def _figures(
         "notes": list(recovery.notes),
     }
     if recovery.youngs_modulus is not None:
-        # Of the material above; the forces are those on such a body.
+        # The recovered stiffness is that of the material above, and the forces are those on such a body.
         figures["stiffness"] = {
             "youngs_modulus": recovery.youngs_modulus,
             "given": material.youngs_modulus,
@@ -185,13 +185,13 @@ def _figures(
 
 
 def _add_wind(figures: dict[str, Any], wind: dict[str, Any] | None) -> None:
-    """The wind [m/s], without its notes, which are among the recovery's."""
+    """Add the results on the wind [m/s], without its notes, which are among the recovery's."""
     if wind:
         figures["wind"] = {key: value for key, value in wind.items() if key != "notes"}
 
 
 def _residual(residual: np.ndarray) -> dict[str, float]:
-    """Over the frames in which anything was seen."""
+    """Statistics of the residual over the frames in which anything was seen."""
     seen = residual[np.isfinite(residual)]
     if not len(seen):
         return {}

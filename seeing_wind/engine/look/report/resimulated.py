@@ -1,7 +1,7 @@
-"""resimulated.mp4: the object as the recovered force moves it, over the clip's clean background, and how alike that is to the clip.
+"""resimulated.mp4: the object as the recovered force moves it, over the clip's clean background, and its likeness to the clip.
 
-The motion is the simulation's. The look is fitted to the clip along that motion, and the background is lit as it was filmed: both are
-measured, not predicted.
+The motion is that of the simulation. The look is fitted to the clip along this motion, and the background is lit as in the clip: these two
+are measured, not predicted.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ from .backdrop import behind
 from .footage import Footage, check_length
 
 SAMPLED = 24
-"""Frames of a clip larger than the report's videos that are compared at the file's own size; of a smaller one it is all."""
+"""How many frames are compared at the file's own size if the clip is larger than the report's videos; of a smaller clip, all are."""
 
 PART = 24
-"""Frames that are rendered before they are kept."""
+"""Frames that are rendered and then kept in the journal together."""
 
 REACH = 3.0
-"""Standard deviations of a Gaussian that the part of the frame which is rendered reaches beyond its centre."""
+"""The rendered part of a frame extends by this many standard deviations beyond the centre of every Gaussian."""
 
 SSIM_SIGMA, SSIM_SIZE = 1.5, 11
 """Window of the structural similarity (Wang et al. 2004) [px]."""
@@ -43,20 +43,20 @@ SSIM_SIGMA, SSIM_SIZE = 1.5, 11
 
 @dataclass
 class _Likeness:
-    """How alike frames of the simulated body are to those filmed, in the boxes round the object."""
+    """The likeness of rendered frames to those filmed, in the boxes around the object."""
 
     first: float = float("nan")
     later: list[tuple[float, float]] = field(default_factory=list)
 
     def add(self, t: int, want: np.ndarray, got: np.ndarray, inside: np.ndarray) -> None:
-        """The box (h, w, 3) of frame t as filmed and as rendered, and the object (h, w) bool in it."""
+        """Compare the box (h, w, 3) of frame t as filmed (`want`) and as rendered (`got`); inside (h, w) bool: the object in it."""
         if t == 0:
             self.first = psnr(want[inside], got[inside])
         else:
             self.later.append((psnr(want, got), ssim(want, got)))
 
     def figures(self) -> dict[str, float]:
-        """As `write_resimulated` returns them; what could not be measured is left out."""
+        """The figures that `write_resimulated` returns; those that could not be measured are left out."""
         means = np.mean(self.later, axis=0) if self.later else (np.nan, np.nan)
         found = {"first_psnr": self.first, "psnr": float(means[0]), "ssim": float(means[1])}
         return {"measured": len(self.later), **{name: value for name, value in found.items() if np.isfinite(value)}}
@@ -71,15 +71,15 @@ def write_resimulated(
     progress: Progress = NoProgress(),
     journal: Journal = Journal(),
 ) -> dict[str, float]:
-    """Render the Gaussians, carried by the simulated particles and their F (Eq. (8)), into resimulated.mp4 of the take.
+    """Render the Gaussians, moved by the simulated particles and their F (Eq. (8)), into the take's resimulated.mp4.
 
     Args:
-        frames: (T+1, H, W, 3) uint8 RGB, the clip's frames as filmed; observation: at their size.
+        frames: (T+1, H, W, 3) uint8 RGB, the clip's frames as filmed; observation: at the frames' size.
         journal: keeps the frames rendered so far.
 
     Returns:
-        `first_psnr`, inside the mask of frame 0 [dB]; `psnr` [dB] and `ssim`, means of the boxes round the object over the frames from
-        1 to T that show it, `measured` in number.
+        `first_psnr`, inside the mask of frame 0 [dB]; `psnr` [dB] and `ssim` in the boxes around the object, means over the frames from
+        1 to T that show it; `measured`, the number of these frames.
 
     Raises:
         ClipError: when `frames` ends before frame T.
@@ -106,16 +106,16 @@ def write_resimulated(
 
 @dataclass(frozen=True)
 class _Part:
-    """Some frames in a row, as PNG."""
+    """Some consecutive frames, as PNG."""
 
     ends: np.ndarray
-    """(P,) int64, of each in `packed`."""
+    """(P,) int64, where each frame ends in `packed`."""
     packed: np.ndarray
-    """(B,) uint8."""
+    """(B,) uint8, the PNG files one after another."""
 
 
 def _in_parts(render: Callable[[int], np.ndarray], count: int, journal: Journal) -> Iterator[np.ndarray]:
-    """The frames (H, W, 3) uint8 of numbers 0 to `count` - 1, `PART` at a time, so that a journal can keep them."""
+    """Frames 0 to `count` - 1 (H, W, 3) uint8, rendered `PART` at a time, so that a journal can keep them."""
 
     def part(begin: int) -> _Part:
         fast = [cv2.IMWRITE_PNG_COMPRESSION, 1]
@@ -129,13 +129,13 @@ def _in_parts(render: Callable[[int], np.ndarray], count: int, journal: Journal)
 
 
 def frames_measured(masks: Masks, recovery: Recovery) -> list[int]:
-    """Frame 0 and at most `SAMPLED` later ones that show the object, evenly spread: those of a large clip that `likeness` is told of."""
+    """The frames of a large clip that `likeness` compares: frame 0 and at most `SAMPLED` later ones that show the object, evenly spread."""
     seen = 1 + np.flatnonzero(areas(masks[t] for t in range(1, len(recovery.x))) > 0)
     return ([0] if masks[0].any() else []) + over_clip.spread_over(seen, SAMPLED).tolist()
 
 
 def likeness(footage: Footage, body: Body, recovery: Recovery, frames: list[int], progress: Progress = NoProgress()) -> dict[str, float]:
-    """The figures of `write_resimulated` at the file's own size, of some of its frames, which are rendered in the object's box only."""
+    """The figures of `write_resimulated` at the file's own size, from the given frames, which are rendered in the object's box only."""
     found = _Likeness()
     for number, t in enumerate(frames):
         progress.update(number / len(frames), "likeness to the clip")
@@ -157,10 +157,10 @@ def look_over_clip(footage: Footage, body: Body, recovery: Recovery, progress: P
 
 
 def resimulated(filmed: np.ndarray, observation: Observation, body: Body, recovery: Recovery, t: int, box: Box | None = None) -> np.ndarray:
-    """Frame t (H, W, 3) uint8 RGB of the simulated body over what was behind it, or only the part in `box`, (h, w, 3).
+    """Frame t (H, W, 3) uint8 RGB of the simulated body over the background, or only the part in `box`, (h, w, 3).
 
     Args:
-        filmed: (H, W, 3) uint8 RGB, frame t of the clip without lens distortion; observation: at its size.
+        filmed: (H, W, 3) uint8 RGB, frame t of the clip without lens distortion; observation: at the same size.
     """
     camera, x, F = observation.camera, recovery.x[t], recovery.F[t]
     canvas = behind(observation, t, filmed, box)
@@ -173,7 +173,7 @@ def resimulated(filmed: np.ndarray, observation: Observation, body: Body, recove
     size = np.sqrt(np.linalg.eigvalsh(covariances(body.gaussians, F))[:, -1])
     reach = REACH * (1.0 + size[seen] * max(camera.fx, camera.fy) / depth[seen])
     low, high = (xy[seen] - reach[:, None]).min(axis=0), (xy[seen] + reach[:, None]).max(axis=0)
-    # Only the part that the body can reach is rendered.
+    # Only the part of the frame that the body can cover is rendered.
     x0, y0 = (int(value) for value in np.maximum(np.floor(low), [left, top]))
     x1, y1 = (int(value) for value in np.minimum(np.ceil(high) + 1, [right, bottom]))
     if x1 <= x0 or y1 <= y0:

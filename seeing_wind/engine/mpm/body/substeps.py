@@ -40,7 +40,7 @@ class Body:
         self.workers = min(self.packing.tasks, workers or device.cores())
         self.roster = roster(parallel_forward.PHASES * _MOST_PER_LAUNCH, self.workers)
         self.bounds = np.zeros(parallel.BOUNDS, np.int32)
-        """What kernels look up, changed in place: lo and dims of the box of nodes in use, `Piece.lo`, then single numbers, see `parallel`."""
+        """Integers that kernels read, changed in place: lo and dims of the box of nodes in use, `Piece.lo`, those named in `parallel`."""
         self.forward_kernel = Launcher(parallel_forward.substeps, self.real)
         # Without a plastic law the adjoint compiles in a third of the time, and compiling it `sooner` would make it a tenth slower.
         self.adjoint_kernel = Launcher(parallel_adjoint.substep_adjoint, self.real, sooner=self.plastic)

@@ -1,4 +1,4 @@
-"""Where the compiler of the kernels starts: once, on first use, never at import."""
+"""The start of the compiler of the kernels: once, on first use, never at import."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ _lock = threading.Lock()
 _running = False
 QUOTA = Path("/sys/fs/cgroup/cpu.max")
 _ADDRESSES = 2**30 + 2**29
-"""Bytes of address space: the compiler reserves 2**30 at its start, the rest is for its threads and the first kernels."""
+"""Bytes of address space that must be free: the compiler reserves 2**30 at its start, the rest is for its threads and the first kernels."""
 
 
 def start() -> None:
-    """Start the compiler if it does not run yet; cheap afterwards.
+    """Start the compiler unless it has been started already; then it costs nothing.
 
     The solver runs on the CPU: a recovery simulates hundreds of copies of a body of a thousand particles, one copy per core, which would
-    leave a GPU's lanes idle. Double precision unless a kernel is traced within `settings.compiled_in`. Fast math stays off, as it lets the
-    compiler assume that no number is NaN and so drop the very test that stops a diverging run.
+    leave most of a GPU idle. Kernels are in double precision unless traced within `settings.compiled_in`. Fast math stays off, because it
+    lets the compiler assume that no number is NaN, and so drop the very test that stops a diverging run.
 
     Raises:
-        MemoryError: without the address space that the compiler reserves.
+        MemoryError: when there is not the address space that the compiler reserves.
     """
     global _running
     with _lock:
@@ -40,7 +40,7 @@ def start() -> None:
 
 
 def _reserve() -> None:
-    """Raise MemoryError where the compiler would not get its memory: it aborts the process from one of its threads, without a word."""
+    """Raise MemoryError where the compiler would not get its memory: it would abort the process from one of its threads, silently."""
     try:
         mmap.mmap(-1, _ADDRESSES).close()
     except OSError as error:
@@ -48,9 +48,10 @@ def _reserve() -> None:
 
 
 def cores() -> int:
-    """Cores that this process may use; some systems cannot say and count the machine's. A container's share is rounded up.
+    """Cores that this process may use, or those of the machine where the system cannot tell. A container's share is rounded up.
 
-    SEEING_WIND_THREADS lowers it, where several engines share a machine: threads in excess of the cores wait for each other on the spot.
+    SEEING_WIND_THREADS lowers the number where several engines share a machine: with more threads than cores, threads spin while they wait
+    for each other.
     """
     asked = os.environ.get("SEEING_WIND_THREADS", "")
     if asked.isdecimal() and int(asked) > 0:
@@ -61,5 +62,5 @@ def cores() -> int:
 def _cores() -> int:
     count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     share = QUOTA.read_text().split() if QUOTA.is_file() else []
-    # Microseconds of processor time in each period of so many; more threads than that would be stopped while others wait for them.
+    # Microseconds of processor time per period, and the period's length; further threads would be stopped while others wait for them.
     return min(count, math.ceil(int(share[0]) / int(share[1]))) if len(share) == 2 and share[0] != "max" else count

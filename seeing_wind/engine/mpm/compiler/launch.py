@@ -1,8 +1,8 @@
-"""Launching one kernel thousands of times: arguments are handed over again only where they changed.
+"""Launching one kernel thousands of times: only arguments that have changed are passed again.
 
-Both compilers look at every argument of every launch in Python, which for a kernel of twenty arrays takes Taichi over a millisecond, as
-long as a substep of five thousand particles (docs/notebook/solver.md has both). Neither has an interface for this; the calls used here
-are those of its own `Kernel.launch_kernel`.
+Both compilers process every argument of every launch in Python. For a kernel with twenty arrays this takes Taichi over a millisecond, as
+long as a substep of five thousand particles (docs/notebook/solver.md has both times). Neither has an interface to avoid it; the calls used
+here are those of its own `Kernel.launch_kernel`.
 """
 
 from __future__ import annotations
@@ -22,15 +22,16 @@ from .settings import compiled_in, compiled_sooner, native_vectors
 class Launcher:
     """Launches a kernel whose arguments are compile-time constants, int32 numbers and contiguous NumPy arrays.
 
-    The dtypes of the arrays and the compile-time constants must stay those of the first launch. An array that comes again is known by
-    its identity: what is in it may change.
+    The dtypes of the arrays and the compile-time constants must stay those of the first launch. Arrays are compared by identity: their
+    contents may change between launches.
     """
 
     def __init__(self, kernel: Any, real: np.dtype, native: bool = True, keeps: bool = True, sooner: bool = False) -> None:
-        """kernel: a function decorated with ti.kernel; real: the precision to trace it in; native: with `native_vectors`.
+        """kernel: a function decorated with ti.kernel; real: the precision to trace it in; native: compile it with `native_vectors`.
 
-        keeps: the arrays, until others come in their place. One for a whole process that sees each array once had better not.
-        sooner: `compiled_sooner`.
+        keeps: keep references to the arrays, to compare them at the next launch. Better not for a launcher that lives as long as the
+            process and gets each array only once.
+        sooner: compile it with `compiled_sooner`.
         """
         self.kernel, self.keeps = kernel, keeps
         self.settings: list[Callable[[], AbstractContextManager[None]]] = [partial(compiled_in, real)]
@@ -56,7 +57,7 @@ class Launcher:
         self.last = [None] * len(args)
         annotations = [parameter.annotation for parameter in inspect.signature(self.kernel).parameters.values()]
         constant = [isinstance(annotation, ti.template) or annotation is ti.template for annotation in annotations]
-        # Compile-time constants take no place among the arguments.
+        # Compile-time constants have no place among the arguments of a launch.
         places = [i - sum(constant[:i]) for i in range(len(args))]
         self.places = [None if constant[i] else _place(place) for i, place in enumerate(places)]
         self.element_axes = [getattr(a.dtype, "ndim", 0) if isinstance(a, ti.types.ndarray) else 0 for a in annotations]
@@ -74,9 +75,9 @@ class Launcher:
 
 
 def _compiled(program: Any, kernel: Any, args: tuple[Any, ...]) -> tuple[Any, Any]:
-    """The kernel compiled for arguments such as these, and what holds the arguments of its launches."""
+    """The kernel compiled for arguments such as these, and the context that holds the arguments of its launches."""
     if NAME == "quadrants":
-        kernel.raise_on_templated_floats = ti.cfg.raise_on_templated_floats  # as its own launch does, before it looks the kernel up
+        kernel.raise_on_templated_floats = ti.cfg.raise_on_templated_floats  # as its own launch does before it looks up the kernel
         traced = kernel.materialized_kernels[kernel.ensure_compiled(*args)]
         compiled = program.compile_kernel(program.config(), program.get_device_caps(), traced).compiled_kernel_data
     else:
@@ -86,5 +87,5 @@ def _compiled(program: Any, kernel: Any, args: tuple[Any, ...]) -> tuple[Any, An
 
 
 def _place(number: int) -> Any:
-    """How the launch context is told which argument is meant."""
+    """Argument `number` as the launch context wants it identified."""
     return number if NAME == "quadrants" else (number,)

@@ -8,7 +8,7 @@ from ...errors import UsageError
 from . import default_real, ti
 
 DTYPES = {"single": np.float32, "double": np.float64}
-"""NumPy's names of the two precisions."""
+"""The NumPy types of the two precisions."""
 
 
 def dtype_of(precision: str) -> np.dtype:
@@ -24,5 +24,5 @@ def is_double() -> bool:
 
 
 def epsilon() -> float:
-    """Spacing of numbers at 1 in the precision being traced; use inside `ti.static`."""
+    """Machine epsilon in the precision being traced; use inside `ti.static`."""
     return float(np.finfo(np.float64 if is_double() else np.float32).eps)

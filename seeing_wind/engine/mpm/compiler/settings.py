@@ -1,4 +1,4 @@
-"""Settings of the compiler that hold for the kernels traced inside a block."""
+"""Settings of the compiler for the kernels that are traced inside a block."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from .choice import default_real, set_default_real, ti
 
 @contextlib.contextmanager
 def compiled_in(real: object) -> Iterator[None]:
-    """Kernels traced inside have literals and `float` of `real`: ti.f32, ti.f64, or NumPy's names for them.
+    """In kernels traced inside, literals and `float` have the precision `real`: ti.f32, ti.f64, or the NumPy types of these.
 
-    The compiler looks these up when a kernel is traced, at its first launch for arguments of these types.
+    The compiler reads the setting when it traces a kernel, at the first launch with arguments of the given types.
     """
     before = default_real()
     set_default_real(ti.f32 if real in (ti.f32, np.float32, np.dtype(np.float32)) else ti.f64)
@@ -26,9 +26,9 @@ def compiled_in(real: object) -> Iterator[None]:
 
 @contextlib.contextmanager
 def native_vectors() -> Iterator[None]:
-    """Kernels compiled inside have vectors that stay vectors of the processor. Arrays of them must be `native.aligned`.
+    """Kernels compiled inside use SIMD vectors of the processor for their vectors. Arrays of such vectors must be `native.aligned`.
 
-    By default the compiler takes its vectors apart into loose numbers, and leaves it to LLVM to find vectors again, which it seldom does.
+    By default the compiler splits its vectors into single numbers and leaves it to LLVM to vectorise again, which it seldom does.
     """
     with _set(real_matrix_scalarize=False):
         yield
@@ -36,18 +36,19 @@ def native_vectors() -> Iterator[None]:
 
 @contextlib.contextmanager
 def contracted() -> Iterator[None]:
-    """Kernels traced inside may join a product and a sum into one instruction, and take every number for finite."""
+    """Kernels traced inside may contract a product and a sum into one instruction, and assume that every number is finite."""
     with _set(fast_math=True):
         yield
 
 
 @contextlib.contextmanager
 def compiled_sooner() -> Iterator[None]:
-    """Kernels compiled inside are ready in a fifth of the time where they are long, and may take a little longer to run.
+    """Long kernels compiled inside compile in a fifth of the time, but may run a little slower.
 
-    The compiler's own search for terms that occur twice takes time with the square of a kernel's length, nine tenths of all compiling
-    (docs/notebook/solver.md). Here that is left to LLVM, which finds the arithmetic but looks up anew, after every store, where an array
-    is. Without it one place in an array is computed by several statements, which `cache_loop_invariant_global_vars` takes for several.
+    The compiler's own search for common subexpressions takes time with the square of a kernel's length, nine tenths of all compiling
+    (docs/notebook/solver.md). Here it is left to LLVM, which finds common arithmetic but looks up an array's address again after every
+    store. Without that search, one place in an array is computed by several statements, which `cache_loop_invariant_global_vars` would take
+    for different places; so this is switched off, too.
     """
     with _set(opt_level=0, cache_loop_invariant_global_vars=False):
         yield

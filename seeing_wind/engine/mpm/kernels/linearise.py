@@ -9,7 +9,7 @@ from ..compiler import ti
 from ..lattice.conditions import in_box
 from ..laws.constitutive import kirchhoff, kirchhoff_adjoint
 from ..laws.eigen import from_columns, left_cauchy_green, product, relative_deviator
-from ..laws.plasticity import VON_MISES, certainly_elastic, flow_known, hencky_adjoint, hencky_known, through_flow
+from ..laws.plasticity import VON_MISES, certainly_elastic, flow_terms, hencky_adjoint, hencky_terms, through_flow
 from ..laws.viscous import doubled_rate, is_damped, viscous
 from .packed import (
     LAM,
@@ -108,7 +108,7 @@ def stress_derivative(plastic: ti.template(), at, own, dx, dt, particle: ti.temp
     m, U, x, e, slopes = 0.0, ti.Matrix.zero(float, 3, 3), ti.Vector.zero(float, 3), ti.Vector.zero(float, 3), ti.Vector.zero(float, 3)
     if ti.static(plastic):
         if law >= VON_MISES:
-            m, U, x, e, slopes = hencky_known(F)
+            m, U, x, e, slopes = hencky_terms(F)
     for a in range(3):
         for b in range(a, 3):
             bar = ti.Matrix.zero(float, 3, 3)
@@ -176,7 +176,7 @@ def flow_derivative(at, own, dt, particle: ti.template(), trial, flow: ti.templa
     flows = 0
     if law >= VON_MISES and not certainly_elastic(size, mu, yield_stress):
         flows = 1
-        U, x, e, s, kept, M, shear, _trial, _limit, _w = flow_known(law, mu, yield_stress, particle[own + VISCOSITY], dt, X, size)
+        U, x, e, s, kept, M, shear, _trial, _limit, _w = flow_terms(law, mu, yield_stress, particle[own + VISCOSITY], dt, X, size)
         for row in range(9):
             bar = ti.Matrix.zero(float, 3, 3)
             bar[row // 3, row % 3] = 1.0

@@ -36,8 +36,8 @@ class MeshCollider:
     """(V, 3) of the vertices [m/s], for a mesh returned by `posed`; else None."""
 
     def __post_init__(self) -> None:
-        """UsageError: see `check_kind`; also for a mesh that is open, empty, flat, not finite, or refers to missing vertices, and for a path
-        that has another number of vertices, is not finite, or leads too far."""
+        """UsageError: see `check_kind`; also for a mesh that is open, empty, flat, not finite, or refers to missing vertices, and for a
+        path that has another number of vertices, is not finite, or leads too far."""
         check_kind("mesh collider", self.kind, self.friction)
         vertices, faces = np.asarray(self.vertices), np.asarray(self.faces)
         if vertices.ndim != 2 or vertices.shape[1] != 3 or faces.ndim != 2 or faces.shape[1] != 3 or not len(faces):

@@ -1,11 +1,11 @@
 """Elastic laws as small functions F -> Kirchhoff stress tau = J sigma [Pa], and their adjoints.
 
-Every adjoint takes `tau_bar` = d loss / d tau and returns the derivatives of the loss with respect to F, mu and lam. No singular values
-anywhere: nothing to divide by when two of them meet, as they do at rest.
+Every adjoint takes `tau_bar` = d loss / d tau and returns the derivatives of the loss with respect to F, mu and lam. Singular values are
+not used, so there is no division by their difference, which vanishes at rest.
 
 The stretch V = sqrt(B), B = F F^T, of F = V R needs no iteration on matrices. Its trace is the largest root of a quartic whose
-coefficients are invariants of F; there the quartic's slope is 8 times the product of the sums of two stretches, so the root is simple
-wherever R is defined at all. V then is a polynomial in B (Cayley, Hamilton).
+coefficients are invariants of F; there the quartic's slope is 8 times the product of the pairwise sums of the stretches, so the root is
+simple wherever R is defined at all. V then is a polynomial in B (Cayley, Hamilton).
 
 Sources: corotated: Stomakhin et al. 2012, "Energetically consistent invertible elasticity", psi = mu |F - R|² + lam/2 (J - 1)²;
 neo-Hookean: Bonet and Wood, "Nonlinear continuum mechanics", psi = mu/2 (|F|² - 3) - mu log J + lam/2 (log J)²;
@@ -27,9 +27,9 @@ LAWS = ELASTIC_LAWS | PLASTIC_LAWS
 """All laws by the names that materials use."""
 
 _ITERATIONS = 30
-"""Of Newton's method; one to three in practice."""
+"""Iterations of Newton's method, at most; one to three in practice."""
 _LAST_STEP = {True: 1e-9, False: 2e-4}
-"""Relative step after which the next, about its square, is below rounding; by whether in double precision."""
+"""Relative step after which the next one, about its square, is below the rounding error; True: in double precision."""
 
 
 @ti.func
@@ -58,7 +58,7 @@ def traces(B):
 
 @ti.func
 def stretch_invariants(B, J, i):
-    """tr B, and of V = sqrt(B) with trace i the second invariant ii and i ii - J, the product of the sums of two stretches."""
+    """tr B; and for V = sqrt(B) with trace i, the second invariant ii, and i ii - J, the product of the pairwise sums of the stretches."""
     first = B[0] + B[1] + B[2]
     ii = 0.5 * (i * i - first)
     return first, ii, i * ii - J
@@ -83,9 +83,9 @@ def neo_hookean(F, mu, lam):
 
 @ti.func
 def kirchhoff(plastic: ti.template(), law, F, mu, lam):
-    """tau of the particle's law, and the number that cost most on the way, which `kirchhoff_adjoint` wants: tr V or log J.
+    """tau of the particle's law, and the costliest intermediate number, tr V or log J, which `kirchhoff_adjoint` needs again.
 
-    `plastic` is a constant that keeps the plastic laws out of kernels that do not need them.
+    `plastic` is a compile-time constant: False leaves the plastic laws out of kernels that do not need them.
     """
     tau, known = ti.Matrix.zero(float, 3, 3), 0.0
     if law == NEO_HOOKEAN:
@@ -106,7 +106,7 @@ def cross(a, b):
 
 @ti.func
 def corotated_adjoint(F, mu, lam, i, tau_bar):
-    """F_bar, mu_bar, lam_bar. R turns with dR = [w]x R, (tr(V) I - V) w = axial(dF R^T), where axial(A) . u = A : [u]x for all u.
+    """F_bar, mu_bar, lam_bar; i = tr V. R turns with dR = [w]x R, (tr(V) I - V) w = axial(dF R^T), where axial(A) . u = A : [u]x for all u.
 
     With R = (K F + i cof F) / sums, K = (tr B + ii) I - B, and W = T + [w]x the derivative by F is
     2 mu (2 T - W K / sums) F + (lam (2 J - 1) tr T - 2 mu i W / sums) cof F. Matrices are built column by column.
@@ -180,7 +180,7 @@ def neo_hookean_adjoint(F, mu, lam, log_J, tau_bar):
 
 @ti.func
 def kirchhoff_adjoint(law, F, mu, lam, known, tau_bar):
-    """F_bar, mu_bar, lam_bar of an elastic law; `known` from `kirchhoff`."""
+    """F_bar, mu_bar, lam_bar of an elastic law; `known` is the second result of `kirchhoff`."""
     F_bar, mu_bar, lam_bar = ti.Matrix.zero(float, 3, 3), 0.0, 0.0
     if law == NEO_HOOKEAN:
         F_bar, mu_bar, lam_bar = neo_hookean_adjoint(F, mu, lam, known, tau_bar)
@@ -191,7 +191,7 @@ def kirchhoff_adjoint(law, F, mu, lam, known, tau_bar):
 
 @ti.func
 def kirchhoff_both_ways(plastic: ti.template(), law, F, mu, lam, tau_bar):
-    """tau, as of `kirchhoff`, and F_bar, mu_bar, lam_bar of the particle's law; `plastic` as there."""
+    """tau, F_bar, mu_bar, lam_bar of the particle's law; `plastic` as in `kirchhoff`."""
     tau, F_bar, mu_bar, lam_bar = ti.Matrix.zero(float, 3, 3), ti.Matrix.zero(float, 3, 3), 0.0, 0.0
     if law == NEO_HOOKEAN:
         tau, log_J = neo_hookean(F, mu, lam)

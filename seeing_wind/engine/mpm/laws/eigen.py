@@ -1,13 +1,13 @@
 """Symmetric 3x3 matrices in closed form: eigenvalues, eigenvectors, and functions of a matrix without eigenvectors.
 
-A symmetric matrix S is the vector of its six entries xx, yy, zz, yz, xz, xy. Eigenvalues are those of the deviator over its norm, whose
-characteristic polynomial t³ - t/2 = q has one root that lies apart from the other two, between 0.707 and 0.817 (its sign is q's): two
-Newton steps from a cubic in |q| reach it in double precision, and the other two follow from a quadratic equation.
+A symmetric matrix S is stored as the vector of its six entries xx, yy, zz, yz, xz, xy. Eigenvalues are computed for the deviator divided
+by its norm. Its characteristic polynomial t³ - t/2 = q has one root apart from the other two, with |t| between 0.707 and 0.817 and the
+sign of q: two Newton steps from a cubic in |q| find it to double precision, and the other two follow from a quadratic equation.
 
-Two eigenvalues that lie close are only known to the square root of the rounding error. That does not matter here. A function f(S) is
-evaluated as the polynomial that meets f at the computed eigenvalues; its error is the third divided difference of f times the
-characteristic polynomial, which is at rounding level for any matrix. Eigenvectors are found by deflation: the vector of the root apart
-from the adjugate, which is (a multiple of) its projector, the other two by one exact plane rotation.
+Two close eigenvalues are accurate only to the square root of the rounding error. That does not matter here: a function f(S) is evaluated
+as the polynomial that interpolates f at the computed eigenvalues, whose error is the third divided difference of f times the
+characteristic polynomial, and that is at rounding level for any matrix. Eigenvectors are found by deflation: that of the root apart from
+the adjugate, which is a multiple of its projector, the other two by one exact plane rotation.
 
 Sources: Higham 2008, "Functions of matrices", section 1.2 (functions by interpolation);
 Eberly 2014, "A robust eigensolver for 3x3 symmetric matrices" (deflation); Duff et al. 2017, "Building an orthonormal basis, revisited".
@@ -19,7 +19,7 @@ from ..compiler import ti
 from ..compiler.precision import epsilon, is_double
 
 _MOST_SKEWED = 0.13608276348795434
-"""1 / (3 sqrt 6): |det| of a deviator of norm one with two equal eigenvalues, the largest there is."""
+"""1 / (3 sqrt 6): the largest |det| of a deviator of norm one, that of one with two equal eigenvalues."""
 
 
 @ti.func
@@ -30,13 +30,13 @@ def column(A, j: ti.template()):
 
 @ti.func
 def times_columns(a, b, c, by):
-    """The product of the matrix of columns a, b, c with `by` (3,), as long as they are."""
+    """The product of the matrix with columns a, b, c and the vector `by` (3,); as long as the columns."""
     return by[0] * a + by[1] * b + by[2] * c
 
 
 @ti.func
 def from_columns(a, b, c):
-    """The matrix (3, 3) of these columns, of which no more than three numbers count."""
+    """The matrix (3, 3) with these columns; only their first three numbers are used."""
     return ti.Matrix([[a[i], b[i], c[i]] for i in ti.static(range(3))])
 
 
@@ -124,7 +124,7 @@ def norm_sqr(S):
 
 @ti.func
 def power_series(X, coefficients: ti.template()):
-    """c with sum_k coefficients[k] X^k = c[0] I + c[1] X + c[2] X², for X without trace: X³ = (|X|²/2) X + det(X) I (Cayley, Hamilton)."""
+    """c with sum_k coefficients[k] X^k = c[0] I + c[1] X + c[2] X², for traceless X: X³ = (|X|²/2) X + det(X) I (Cayley, Hamilton)."""
     p = 0.5 * norm_sqr(X)
     q = determinant(X)
     a, b, c = 0.0, 0.0, 0.0
@@ -141,10 +141,10 @@ def quadratic(X, c):
 
 @ti.func
 def relative_deviator(B):
-    """m (scalar), X (6,) and |X| of a positive definite B = m (I + X), X without trace."""
+    """m (scalar), X (6,) and |X| of a positive definite B = m (I + X) with traceless X."""
     m = (B[0] + B[1] + B[2]) / 3.0
     X = plus_identity(B / m, -1.0)
-    # Once more: what the first subtraction leaves is rounding, but near rest X is no larger.
+    # The trace is removed once more: the first subtraction leaves only a rounding error, but near rest X is no larger than that.
     rest = (X[0] + X[1] + X[2]) / 3.0
     X = plus_identity(X, -rest)
     return m * (1.0 + rest), X, ti.sqrt(norm_sqr(X))
@@ -152,7 +152,7 @@ def relative_deviator(B):
 
 @ti.func
 def eigenvalues(X, size):
-    """(3,) eigenvalues of X without trace and of norm `size`, the one apart first, kept distinct by about the rounding error."""
+    """Eigenvalues (3,) of a traceless X of norm `size`, the one apart first; they are kept distinct by about the rounding error."""
     norm = ti.max(size, ti.static(epsilon()))
     skewed = determinant(X) / (norm * norm * norm)
     q = ti.min(ti.abs(skewed), _MOST_SKEWED)
@@ -175,8 +175,8 @@ def interpolant(x, f):
 
 @ti.func
 def eigenvectors(X, apart):
-    """U (3, 3) with the eigenvectors of X without trace as columns and their eigenvalues (3,); `apart` is the first of `eigenvalues`."""
-    P = adjugate(plus_identity(X, -apart))  # (gaps' product) u u^T
+    """U (3, 3), with the eigenvectors of a traceless X as columns, and their eigenvalues (3,); `apart` is the first of `eigenvalues`."""
+    P = adjugate(plus_identity(X, -apart))  # (product of the gaps) u u^T
     first = P[0] >= P[1]
     best = ti.select(first, ti.Vector([P[0], P[5], P[4]]), ti.Vector([P[5], P[1], P[3]]))
     third = P[2] > ti.max(P[0], P[1])
@@ -197,7 +197,7 @@ def eigenvectors(X, apart):
     vv, vw = v.dot(Xv), w.dot(Xv)
     half = vv + 0.5 * apart
     radius = ti.sqrt(half * half + vw * vw)
-    # Below the square of the rounding error any basis serves.
+    # Below the square of the rounding error any basis will do.
     far = ti.max(radius + ti.abs(half), ti.static(epsilon() ** 2))
     scale = 1.0 / ti.sqrt(far * far + vw * vw)
     cosine = scale * ti.select(half >= 0.0, far, vw)

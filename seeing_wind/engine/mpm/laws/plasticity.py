@@ -3,11 +3,11 @@
 The stress is tau = 2 mu e + lam tr(e) I with the Hencky strain e = log(F F^T) / 2 (St. Venant-Kirchhoff in logarithmic strain).
 
 `yield_stress` is the stress Y at which a bar yields in tension: |dev tau| = sqrt(2/3) Y. Several MPM codes compare |dev tau| with their
-yield stress itself; a number taken from one of them is sqrt(3/2) = 1.2247 times as large here.
+yield stress itself; a value taken from one of them must be multiplied by sqrt(3/2) = 1.2247 here.
 
-Flow shrinks the deviator of the strain, dev e -> (1 + s) dev e, by F -> exp(s dev e) F, which keeps the volume;
-s = w (sqrt(2/3) Y / |dev tau| - 1). Without viscosity w = 1: the stress lands on the yield surface. With viscosity eta,
-w = mu dt / (eta + mu dt) is backward Euler of d_p = (|dev tau| - sqrt(2/3) Y) / (2 eta), stable however small the viscosity.
+Flow shrinks the deviator of the strain, dev e -> (1 + s) dev e, by F -> exp(s dev e) F, which preserves the volume;
+s = w (sqrt(2/3) Y / |dev tau| - 1). Without viscosity w = 1: the stress returns to the yield surface. With viscosity eta,
+w = mu dt / (eta + mu dt) is the backward Euler rule for d_p = (|dev tau| - sqrt(2/3) Y) / (2 eta), stable however small the viscosity.
 
 Sources: Simo 1992, "Algorithms for static and dynamic multiplicative plasticity that preserve the classical return mapping schemes";
 Perzyna's overstress as in Simo and Hughes, "Computational inelasticity", section 2.7; Bingham's fluid |s| = sqrt(2/3) Y + 2 eta |d_p|.
@@ -35,7 +35,7 @@ def hencky(F, mu, lam):
 
 @ti.func
 def certainly_elastic(size, mu, yield_stress):
-    """Whether |dev e| <= |log(I + X)| / 2 <= |X| / 2 / (1 - RADIUS |X|) already says that nothing flows; size = |X|."""
+    """Whether the bound |dev e| <= |log(I + X)| / 2 <= |X| / 2 / (1 - RADIUS |X|) already rules out plastic flow; size = |X|."""
     return mu * size <= RADIUS * yield_stress * (1.0 - RADIUS * size)
 
 
@@ -47,7 +47,7 @@ def rate_weight(law, mu, viscosity, dt):
 
 @ti.func
 def plastic_flow(law, F, mu, yield_stress, viscosity, dt):
-    """F of a trial substep -> F after plastic flow; nothing happens under an elastic law."""
+    """Trial F, of an elastic substep -> F after plastic flow; unchanged under an elastic law."""
     F_next = F
     if law >= VON_MISES:
         m, X, size = relative_deviator(left_cauchy_green(F))
@@ -62,14 +62,16 @@ def plastic_flow(law, F, mu, yield_stress, viscosity, dt):
 
 @ti.func
 def principal_strains(X, size):
-    """Eigenvectors U of B = m (I + X), |X| = size, eigenvalues x (3,) of X, and log(1 + x) / 2 (3,): Hencky strains less log(m) / 2."""
+    """For B = m (I + X), |X| = size: its eigenvectors U, the eigenvalues x (3,) of X, and log(1 + x) / 2 (3,), the Hencky strains less
+    log(m) / 2."""
     U, x = eigenvectors(X, eigenvalues(X, size)[0])
     return U, x, half_logs(x)
 
 
 @ti.func
-def hencky_known(F):
-    """What `hencky_adjoint` needs of F, whatever it is asked: m, U, x and e of `principal_strains`, the logarithm's divided differences."""
+def hencky_terms(F):
+    """The terms of F that `hencky_adjoint` needs for any tau_bar: m; U, x and e of `principal_strains`; the logarithm's divided
+    differences."""
     m, X, size = relative_deviator(left_cauchy_green(F))
     U, x, e = principal_strains(X, size)
     return m, U, x, e, log_slopes(x, e)
@@ -77,11 +79,11 @@ def hencky_known(F):
 
 @ti.func
 def hencky_adjoint(F, mu, lam, m, U, x, e, slopes, tau_bar):
-    """F_bar, mu_bar, lam_bar of `hencky`."""
+    """Adjoint of `hencky`: F_bar, mu_bar, lam_bar; m, U, x, e and slopes are those of `hencky_terms`."""
     basis = U.transpose()
     T = symmetric_part(product(product(basis, tau_bar), U))
     trace = T[0] + T[1] + T[2]
-    # 2 m B_bar; the derivative of e by B in this basis is half the divided differences of the logarithm.
+    # 2 m B_bar; in this basis the derivative of e by B is half the divided differences of the logarithm.
     B_bar = ti.Vector(
         [
             (2.0 * mu * T[0] + lam * trace) / (1.0 + x[0]),
@@ -100,8 +102,8 @@ def hencky_adjoint(F, mu, lam, m, U, x, e, slopes, tau_bar):
 
 @ti.func
 def hencky_both_ways(F, mu, lam, tau_bar):
-    """tau of `hencky`, and F_bar, mu_bar, lam_bar: the principal strains serve both."""
-    m, U, x, e, slopes = hencky_known(F)
+    """tau of `hencky`, and F_bar, mu_bar, lam_bar; the principal strains are computed once for both."""
+    m, U, x, e, slopes = hencky_terms(F)
     F_bar, mu_bar, lam_bar = hencky_adjoint(F, mu, lam, m, U, x, e, slopes, tau_bar)
     mean = 0.5 * ti.log(m)
     stress = 2.0 * mu * (e + mean) + lam * (e[0] + e[1] + e[2] + 3.0 * mean)
@@ -110,12 +112,12 @@ def hencky_both_ways(F, mu, lam, tau_bar):
 
 
 @ti.func
-def flow_known(law, mu, yield_stress, viscosity, dt, X, size):
-    """What `through_flow` needs of F F^T = m (I + X), |X| = size, whatever it is asked, and what says how far F is beyond yield.
+def flow_terms(law, mu, yield_stress, viscosity, dt, X, size):
+    """The terms that `through_flow` needs for any F_next_bar, and the distance from yield, for F F^T = m (I + X), |X| = size.
 
     Returns:
-        U, x of `principal_strains`; e (3,) the principal deviator; s; -d s / d log |dev e| over |dev e|²; M = exp(s dev e) (3,); the
-        divided differences of M by those of the strain (3,); |dev tau|, its limit, and w.
+        U, x of `principal_strains`; the principal values e (3,) of dev e; s; -d s / d log |dev e| over |dev e|²; M = exp(s dev e) (3,);
+        s times the divided differences (3,) of exp and of the logarithm; |dev tau|, its limit, and w.
     """
     U, x, e = principal_strains(X, size)
     e = e - (e[0] + e[1] + e[2]) / 3.0
@@ -129,7 +131,7 @@ def flow_known(law, mu, yield_stress, viscosity, dt, X, size):
 
 @ti.func
 def through_flow(F, m, U, x, e, s, kept, M, shear, F_next_bar):
-    """F_bar through exp(s dev e) F, and s_bar; what the others are, `flow_known` says."""
+    """Adjoint of F_next = exp(s dev e) F: F_bar and s_bar; m of `relative_deviator`, the other arguments of `flow_terms`."""
     basis = U.transpose()
     turned, turned_bar = product(basis, F), product(basis, F_next_bar)
     M_bar = symmetric_part(product(turned_bar, turned.transpose()))
@@ -153,11 +155,11 @@ def through_flow(F, m, U, x, e, s, kept, M, shear, F_next_bar):
 
 @ti.func
 def plastic_flow_adjoint(law, F, mu, yield_stress, viscosity, dt, F_next_bar):
-    """Adjoint of `plastic_flow`: F_bar, mu_bar, yield_stress_bar, viscosity_bar. Exactly at yield it is that of the elastic side."""
+    """Adjoint of `plastic_flow`: F_bar, mu_bar, yield_stress_bar, viscosity_bar. Exactly at yield, it is that of the elastic side."""
     F_bar, mu_bar, yield_stress_bar, viscosity_bar = F_next_bar, 0.0, 0.0, 0.0
     m, X, size = relative_deviator(left_cauchy_green(F))
     if law >= VON_MISES and not certainly_elastic(size, mu, yield_stress):
-        U, x, e, s, kept, M, shear, trial, limit, w = flow_known(law, mu, yield_stress, viscosity, dt, X, size)
+        U, x, e, s, kept, M, shear, trial, limit, w = flow_terms(law, mu, yield_stress, viscosity, dt, X, size)
         F_bar, s_bar = through_flow(F, m, U, x, e, s, kept, M, shear, F_next_bar)
         yield_stress_bar = s_bar * w * RADIUS / trial
         w_bar = ti.select(law == VISCOPLASTIC, s_bar * (ti.min(limit / trial, 1.0) - 1.0) / (viscosity + mu * dt), 0.0)

@@ -1,11 +1,11 @@
-"""The viscous part of a Kelvin-Voigt solid: stress in proportion to the rate of strain, beside the elastic laws.
+"""The viscous part of a Kelvin-Voigt solid: stress in proportion to the strain rate, added to that of the elastic laws.
 
     tau_v = eta (2 d + (lam / mu) tr(d) I),    d = (C + C^T) / 2
 
-with the velocity gradient C that a particle gathered last, and the shear viscosity eta [Pa s]. It is the linear elastic stress of the
-strain that gathers within the retardation time eta / mu [s], so every small motion loses energy as its stiffness stores it: a mode of
-circular frequency omega has the damping ratio omega eta / (2 mu) and the loss factor omega eta / mu. d turns with the body and is zero
-in a rigid motion, and tau_v is symmetric: neither momentum nor angular momentum changes.
+with the velocity gradient C from the particle's last g2p and the shear viscosity eta [Pa s]. It is the linear elastic stress of the strain
+that accumulates within the retardation time eta / mu [s], so every small motion loses energy in proportion to its stiffness: a mode of
+angular frequency omega has the damping ratio omega eta / (2 mu) and the loss factor omega eta / mu. d turns with the body and is zero in a
+rigid motion, and tau_v is symmetric, so momentum and angular momentum are conserved.
 
 Source: Kelvin and Voigt's solid as in Christensen, "Theory of viscoelasticity", section 1.5.
 """
@@ -18,7 +18,7 @@ from .plasticity import VON_MISES
 
 @ti.func
 def is_damped(law, viscosity):
-    """Whether a particle has a viscous stress: in plastic laws `viscosity` is that of their flow."""
+    """Whether a particle has a viscous stress; in plastic laws `viscosity` is that of the flow instead."""
     return law < VON_MISES and viscosity > 0.0
 
 
@@ -40,7 +40,7 @@ def viscous(C, mu, lam, viscosity):
 
 @ti.func
 def viscous_adjoint(C, mu, lam, viscosity, tau_bar):
-    """C_bar, mu_bar, lam_bar, viscosity_bar. tau_v is linear in C, and the map is its own adjoint."""
+    """C_bar, mu_bar, lam_bar, viscosity_bar. tau_v is linear in C, by a self-adjoint map."""
     ratio = lam / mu
     swell = (C[0, 0] + C[1, 1] + C[2, 2]) * (tau_bar[0, 0] + tau_bar[1, 1] + tau_bar[2, 2])
     shear = 0.0 * mu
