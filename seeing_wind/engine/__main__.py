@@ -1,8 +1,8 @@
 """`python -m seeing_wind.engine VERB ...`: the worker.
 
 JSON lines on stdout and nothing else: progress, warning, error, and one result at the end. Logs go to stderr. Ctrl-C in a terminal
-(SIGINT) stops at the next safe point, and so does the pipe of a parent (`command.cancelling`). Exit codes: 0 done, 130 cancelled, and
-those of `errors`.
+(SIGINT) stops the worker at the next safe point, and so can the parent process through stdin (`command.cancelling`). Exit codes: 0 done,
+130 cancelled, and those of `errors`.
 """
 
 from __future__ import annotations
@@ -18,17 +18,17 @@ import traceback
 from collections.abc import Sequence
 from typing import Any, TextIO
 
-# Threads of torch that wait spin otherwise; beside a busy Blender the solve then hardly gets on. NumPy's wait between small tasks and spin
-# all the same: with two of them a recovery took twice the processor's time, and no less of the user's. Read when the libraries load.
+# Otherwise torch's threads spin while they wait, and beside a busy Blender the solve hardly makes progress. NumPy's threads spin between
+# small tasks, too: with two of them a recovery took twice the processor time, and was no faster. Read when the libraries load.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_THREAD_TIMEOUT", "4")
 
 from .conventions import LARGEST_IMAGE  # noqa: E402
 
-# Images that are larger are refused by their header, before anything is allocated. Read when OpenCV loads.
+# Larger images are refused because of their header, before anything is allocated. Read when OpenCV loads.
 os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(LARGEST_IMAGE))
-# FFmpeg talks on stderr of every encoder that this machine has not; what went wrong is told in sentences.
+# FFmpeg reports on stderr every encoder that this machine lacks; the engine has its own messages for what went wrong.
 os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 
 from .command import cancelling  # noqa: E402
@@ -38,14 +38,14 @@ from .progress import Cancelled, Progress  # noqa: E402
 from .records import Outcome  # noqa: E402
 
 OPENCV_NO_MEMORY = -4
-"""`code` of an OpenCV error where memory ran out."""
+"""`code` of OpenCV's out-of-memory error."""
 
 OUTSIDE = frozenset(
     getattr(errno, name)
     for name in "ENOSPC EDQUOT EFBIG ENAMETOOLONG ENOTDIR EISDIR EACCES EPERM EROFS ELOOP ENOENT EIO ESTALE EINVAL".split()
     if hasattr(errno, name)
 )
-"""Errors of a disk or a path, which are nobody's defect and need no traceback."""
+"""Errors of a disk or a path, which are not defects of the program and need no traceback."""
 
 
 class Protocol:
@@ -57,7 +57,7 @@ class Protocol:
         self.cancelled = False
 
     def send(self, message: dict[str, Any]) -> None:
-        """One message. A reader that has gone away counts as a cancel; a log on a disk that is full stops no job."""
+        """Write one message. A reader that has gone away cancels the job; a log on a full disk does not stop it."""
         try:
             self._out.write(json.dumps(message, allow_nan=False) + "\n")
             self._out.flush()
@@ -82,7 +82,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run one verb; returns the exit code."""
     options = list(sys.argv[1:] if argv is None else argv)
     if not {"-h", "--help", "--version"}.isdisjoint(options):
-        with contextlib.suppress(SeeingWindError):  # told below, as a message
+        with contextlib.suppress(SeeingWindError):  # raised again below, and sent as a message
             parser().parse_args(options)  # help and version go to the real stdout, and the process ends
     protocol = Protocol()
     signal.signal(signal.SIGINT, protocol.interrupt)
@@ -123,9 +123,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def out_of_memory(error: Exception) -> bool:
-    """Whether memory ran out, of the machine or of its graphics card.
+    """Whether the machine or its graphics card has run out of memory.
 
-    torch has no error of its own for the machine's, and OpenCV only a number: they are told by that, here and nowhere else.
+    torch has no error class for the machine's memory, and OpenCV only has an error code, so these are recognised by text and number; only
+    here.
     """
     if isinstance(error, MemoryError) or type(error).__name__ == "OutOfMemoryError" or getattr(error, "code", None) == OPENCV_NO_MEMORY:
         return True

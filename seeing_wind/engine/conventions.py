@@ -7,7 +7,7 @@ World: Blender's, right-handed, Z up. Cameras: OpenCV's axes (x right, y down, z
 centres are at integers, so the principal point of an image w wide is (w - 1) / 2.
 
 Time: a *frame* is video time, a *substep* solver time, an *iteration* optimiser time. A clip of T + 1 frames has T
-intervals; the force of interval t is held from frame t to frame t + 1.
+intervals; the force of interval t is constant from frame t to frame t + 1.
 
 Letters
     T   intervals (frames: T + 1)               N   particles           K   tracked points
@@ -15,17 +15,17 @@ Letters
     X   positions at rest (frame 0) [m]         E   Young's modulus [Pa], nu Poisson's ratio, mu, lam Lamé's parameters [Pa]
     dx  grid spacing [m]                        dt  substep [s]         f   force density [N/m³]      a   acceleration [m/s²]
 
-The paper (arXiv 2512.00762) calls the deformation gradient D; MPM literature says F, and so does this code.
+The paper (arXiv 2512.00762) calls the deformation gradient D; the MPM literature calls it F, and so does this code.
 
-A number that physics or statistics hang on is a field of a frozen record, a `constant` with its unit, reason and source:
+A number on which the physics or the statistics depend is a field of a frozen record, a `constant` with its unit, reason and source:
 
     materials.py                    SolverLimits     LIMITS   grid, substeps, damping
-    recovery/prior/constants.py     PriorConstants   PRIOR    what is believed of the force and the body beforehand
-    recovery/targets/constants.py   NoiseConstants   NOISE    errors of what was observed, and of the solver's body
+    recovery/prior/constants.py     PriorConstants   PRIOR    what is assumed of the force and the body beforehand
+    recovery/targets/constants.py   NoiseConstants   NOISE    errors of the observations, and of the solver's body
     recovery/solve/constants.py     PaceConstants    PACE     how far and how finely the solve goes
 
-docs/reference/constants.md is written from them, and `make sensitivity` halves and doubles each. What only rounding, memory or the number
-of cores ask for is no such number; it stands where it is used.
+docs/reference/constants.md is written from them, and `make sensitivity` halves and doubles each. Numbers that only concern rounding, memory
+or the number of cores are not among them; they stand where they are used.
 """
 
 from __future__ import annotations
@@ -45,24 +45,24 @@ GRAVITY = (0.0, 0.0, -9.81)
 NO_GRAVITY = (0.0, 0.0, 0.0)
 
 LARGEST_IMAGE = 2**26
-"""Pixels, eight thousand squared: what is larger is a mistake or a header that lies, and is not decoded."""
+"""Pixels, eight thousand squared: a larger image is a mistake, or its header is false, and it is not decoded."""
 
 FARTHEST = 2e7
-"""Metres from the origin beyond which a unit was mistaken: map coordinates reach 1e7."""
+"""Distance from the origin [m] beyond which a unit must be wrong: map coordinates reach 1e7."""
 
 FRAME_RATES = (0.1, 1e6)
-"""Frames per second between which a clip's lie: from a time-lapse to the fastest camera."""
+"""Lowest and highest frame rate of a clip [1/s]: from a time-lapse to the fastest camera."""
 
 DEFAULT_FOV_DEGREES = 50.0
 """Horizontal field of view assumed when no camera is given: a 39 mm lens on Blender's 36 mm sensor, a phone's main camera in video mode."""
 
 
 BEAUFORT = (0.3, 1.6, 3.4, 5.5, 8.0, 10.8, 13.9, 17.2, 20.8, 24.5, 28.5, 32.7)
-"""Least speed [m/s] of the numbers 1 to 12 (WMO-No. 8, Guide to Instruments, annex 5.A)."""
+"""Least speed [m/s] of the Beaufort numbers 1 to 12 (WMO-No. 8, Guide to Instruments, annex 5.A)."""
 
 
 def beaufort(speed: float) -> int:
-    """The number of a speed [m/s] on the Beaufort scale, 0 to 12."""
+    """Beaufort number, 0 to 12, of a speed [m/s]."""
     return bisect_right(BEAUFORT, speed)
 
 
@@ -87,14 +87,14 @@ IMAGE_SUFFIXES = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".e
 
 
 def is_sequence(path: str) -> bool:
-    """Whether a path names a clip that is many images: a folder, or a pattern such as shot_%04d.png that is no file's name."""
+    """Whether a path is that of a sequence of images: a folder, or a pattern such as shot_%04d.png that is not itself a file's name."""
     if Path(path).is_file():
         return False
     return Path(path).is_dir() or "*" in path or re.search(r"%0?\d*d", Path(path).name) is not None
 
 
 def image_files(path: str) -> list[Path]:
-    """The files of a sequence, ordered by the numbers in their names; none where there are none."""
+    """The files of a sequence, ordered by the numbers in their names; empty if there are none."""
     place = Path(path)
     if place.is_dir():
         files = [file for file in place.iterdir() if file.suffix.lower() in IMAGE_SUFFIXES]
@@ -110,28 +110,28 @@ FRAME = re.compile(r"\bframe (\d+)\b(?! of the file)")
 
 
 def frame_named(t: int) -> str:
-    """What a message calls the frame t of a clip, counted from the first that is used: in the panel it becomes the scene's frame.
+    """The name, in a message, of frame t of a clip, counted from the first frame used: the panel replaces it by the scene's frame.
 
-    Frames counted from the beginning of a file, as --frames counts them, are called frames of the file.
+    Frames counted from the beginning of the file, as in --frames, are called frames of the file.
     """
     return f"frame {t}"
 
 
 def frames_named(first: int, last: int) -> str:
-    """The same of frames in a row, as a part of a sentence."""
+    """The name of consecutive frames, with a preposition, as a part of a sentence."""
     return f"from {frame_named(first)} to {frame_named(last)}" if last > first else f"in {frame_named(first)}"
 
 
 UNHELD = "Nothing was marked as held"
-"""How the note begins on a force that only answers gravity: the panel offers what mends it."""
+"""Beginning of the note on a force that only balances gravity: by it the panel recognises the note, and offers the remedy."""
 HELD_PLACE = "held place"
-"""What a preview's verdict on it is about: likewise."""
+"""Subject of a preview's verdict on the held place, by which the panel recognises it in the same way."""
 BODY, TIME = "body", "time"
-"""What its verdicts on the solve are about: they hold only for the material and the held place that it was told."""
+"""Subjects of a preview's verdicts on the solve, which are valid only for the material and the held place that it was given."""
 
 
 def constant(value: Any, unit: str, reason: str, source: str) -> Any:
-    """A field of a record of constants: a number or a tuple of them, its unit ("1" for none), what it is for, and where it is from."""
+    """A field of a record of constants: a number or a tuple of numbers, its unit ("1" for none), its meaning or reason, and its source."""
     return field(default=value, metadata={"unit": unit, "reason": reason, "source": source})
 
 
@@ -145,13 +145,13 @@ SCALES = {
     "N m": ((1e-6, "µN m"), (1e-3, "mN m"), (1.0, "N m")),
     "B": ((1.0, "B"), (1e3, "kB"), (1e6, "MB"), (1e9, "GB")),
 }
-"""In which units a person is told a quantity: each over that of SI, and its name."""
+"""Units in which a quantity is shown to a person: the size of each in the SI unit, and its name."""
 PLAIN = (1e-9, 1e15)
-"""Numbers outside are written with a power of ten."""
+"""Numbers outside this range are written with a power of ten."""
 
 
 def in_figures(value: float, figures: int = 3) -> str:
-    """A number with so many figures for a person: without a power of ten or trailing zeros."""
+    """A number for a person, with so many significant figures: without a power of ten or trailing zeros."""
     rounded = float(f"{value:.{figures}g}")
     if rounded == 0.0 or not PLAIN[0] <= abs(rounded) < PLAIN[1]:
         return f"{rounded:g}"
@@ -161,7 +161,7 @@ def in_figures(value: float, figures: int = 3) -> str:
 
 
 def in_units(value: float, unit: str, figures: int = 3) -> str:
-    """A quantity in `unit` for a person, in the unit of its own size: 0.00112 kg are 1.12 g. See `SCALES`; other units stay."""
+    """A quantity in `unit` for a person, in a unit that suits its size: 0.00112 kg becomes 1.12 g. Units not in `SCALES` are kept."""
     scales, size = SCALES.get(unit, ()), abs(float(f"{value:.{figures}g}"))
     if size == 0.0 or not math.isfinite(size) or not scales:
         return f"{in_figures(value, figures)} {unit}"
@@ -170,7 +170,7 @@ def in_units(value: float, unit: str, figures: int = 3) -> str:
 
 
 def counted(number: int, what: str) -> str:
-    """So many of something whose plural ends in s: 1 frame, 2 frames."""
+    """A number of things whose plural ends in s: 1 frame, 2 frames."""
     return f"{number} {what}{'s' * (number != 1)}"
 
 

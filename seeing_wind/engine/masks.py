@@ -1,4 +1,4 @@
-"""The object's masks of a whole clip, packed: a 4K mask is 8 MB in memory and some kilobytes here."""
+"""The object's masks in a whole clip, packed: a 4K mask is 8 MB in memory, and some kilobytes here."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ DAMAGED = WrongTake("The take's masks are damaged.", "Run `recover` again.")
 
 @dataclass(frozen=True)
 class Masks:
-    """Masks (T+1, H, W) of one object, read like an array of bool: `masks[t]` is a mask (H, W) that the caller owns.
+    """Masks (T+1, H, W) of one object, read like an array of bool: `masks[t]` is a new array (H, W), which the caller may change.
 
     Raises:
-        WrongTake: parts that contradict each other (a damaged take).
+        WrongTake: fields that contradict each other (a damaged take).
     """
 
     height: int
     width: int
     windows: np.ndarray
-    """(T+1, 4) int32: x0 y0 x1 y1 of the mask's bounding box [px], the end exclusive; zeros where it is empty."""
+    """(T+1, 4) int32: x0 y0 x1 y1 of the mask's bounding box [px], ends exclusive; zeros for an empty mask."""
     ends: np.ndarray
     """(T+1,) int64: where each mask ends in `packed`."""
     packed: np.ndarray
@@ -33,10 +33,10 @@ class Masks:
 
     @staticmethod
     def of(masks: Iterable[np.ndarray]) -> Masks:
-        """The masks (H, W) bool, all of one size, taken one after the other.
+        """Pack masks (H, W) bool, all of the same size, one after another.
 
         Raises:
-            ValueError: no masks, or of several sizes.
+            ValueError: no masks, or masks of different sizes.
         """
         packing = Packing()
         for mask in masks:
@@ -75,7 +75,7 @@ class Masks:
         count = (y1 - y0) * (x1 - x0)
         content = self.packed[self.ends[t - 1] if t else 0 : self.ends[t]].tobytes()
         try:
-            # Not more than the window holds, whatever a damaged take says.
+            # No more than the window needs, whatever a damaged take contains.
             bits = zlib.decompressobj().decompress(content, count // 8 + 2)
         except zlib.error as error:
             raise DAMAGED from error
@@ -91,7 +91,7 @@ class Masks:
 
 
 class Packing:
-    """Masks of one size that are packed as they are found, after those of `begun` if there are some already."""
+    """Packs masks of one size one by one, appended to those of `begun` if given."""
 
     def __init__(self, begun: Masks | None = None) -> None:
         self._shape: tuple[int, ...] = () if begun is None else begun.shape[1:]
@@ -103,7 +103,7 @@ class Packing:
         """Pack the next `mask` (H, W) bool.
 
         Raises:
-            ValueError: of another size than those before.
+            ValueError: a mask of another size than those before.
         """
         if self._shape and mask.shape != self._shape:
             raise ValueError(f"masks of {self._shape} and {mask.shape}")
@@ -115,7 +115,7 @@ class Packing:
         self._ends.append(len(self._parts[-1]) + (self._ends[-1] if self._ends else 0))
 
     def masks(self) -> Masks:
-        """All of them so far.
+        """All masks packed so far.
 
         Raises:
             ValueError: there are none.
@@ -127,7 +127,7 @@ class Packing:
 
 
 def box_of(mask: np.ndarray, margin: int = 0) -> tuple[int, int, int, int]:
-    """x0, y0, x1, y1 [px], ends exclusive, of a mask (H, W) bool, `margin` wider within the frame; all 0 of one that is empty."""
+    """Bounding box x0, y0, x1, y1 [px], ends exclusive, of a mask (H, W) bool, widened by `margin` within the frame; 0 if it is empty."""
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     if not len(rows):
         return 0, 0, 0, 0
@@ -141,7 +141,7 @@ def rows_columns(box: tuple[int, int, int, int]) -> tuple[slice, slice]:
 
 
 def pixels_of(mask: np.ndarray) -> np.ndarray:
-    """(P, 2) float64 x, y [px] of what is in a mask (H, W) bool, in the order in which `image[mask]` has its values."""
+    """(P, 2) float64 x, y [px] of the pixels in a mask (H, W) bool, in the order of `image[mask]`."""
     rows, columns = np.nonzero(mask)
     return np.stack([columns, rows], axis=1).astype(float)
 
@@ -152,5 +152,5 @@ def at_rim(mask: np.ndarray) -> bool:
 
 
 def areas(masks: Iterable[np.ndarray]) -> np.ndarray:
-    """Pixels (T+1,) int64 of each mask."""
+    """Number of pixels (T+1,) int64 in each mask."""
     return np.array([int(np.count_nonzero(mask)) for mask in masks], np.int64)

@@ -1,6 +1,6 @@
 """The library of materials (`materials.toml`) and how a user's own numbers replace the library's.
 
-Stands for the commonsense properties {m, E, nu} that the paper asks a vision-language model for (arXiv 2512.00762, section 3.1).
+It replaces the commonsense properties {m, E, nu} that the paper gets from a vision-language model (arXiv 2512.00762, section 3.1).
 """
 
 from __future__ import annotations
@@ -17,16 +17,16 @@ from .conventions import constant, in_units, lame
 from .errors import MaterialError
 
 LAWS = ("neo_hookean", "corotated", "von_mises", "viscoplastic")
-"""Constitutive laws that the simulator knows."""
+"""Constitutive laws of the simulator."""
 
 PLASTIC_LAWS = ("von_mises", "viscoplastic")
 """Laws that need a yield stress."""
 
 MODULI = (1e-3, 1e13)
-"""Pa between which Young's moduli lie: diamond has 1.2e12, the softest gel about one."""
+"""Lowest and highest Young's modulus [Pa]: diamond has 1.2e12, the softest gel about one."""
 
 DENSITIES = (1e-3, 1e5)
-"""kg/m³ between which densities lie: osmium has 2.3e4, the lightest aerogel 0.2."""
+"""Lowest and highest density [kg/m³]: osmium has 2.3e4, the lightest aerogel 0.2."""
 
 RANGES = {
     "density": ("The density", "kg/m³", DENSITIES),
@@ -37,46 +37,49 @@ RANGES = {
 """Properties of `Material` -> what a sentence calls them, unit, and the least and the most that they are."""
 
 LOSS_FREQUENCY = 2.0
-"""Hz at which a loss factor holds. Real ones hardly change with the frequency, that of a Kelvin-Voigt solid grows with it: it is right for
-what sways about twice a second, as stems, branches and flags in a clip do."""
+"""Frequency [Hz] at which a loss factor holds. Real loss factors hardly change with frequency, but that of a Kelvin-Voigt solid is
+proportional to it: it is right for what sways about twice a second, as stems, branches and flags in a clip do."""
 
 MOST_LOSS = 2.0
-"""Largest loss factor: a body that does not swing any more at its critical damping."""
+"""Largest loss factor, that of critical damping: the body no longer swings."""
 
 DEFAULT = "leaf"
-"""The material of an object of which nothing is said."""
+"""The material of an object for which none is given."""
 
 
 @dataclass(frozen=True)
 class SolverLimits:
-    """Of the material point method."""
+    """Constants of the material point method."""
 
     cell_spacings: float = constant(
         1.6, "particle spacings", "Width of a grid cell.",
         "Against another simulator a plate of two particles ends 6.0 mm off at 2.0, the usual choice, 1.8 mm at 1.6 and 3.8 mm at 1.3, "
         "after 333 mm of travel.",
     )  # fmt: skip
-    courant: float = constant(0.3, "cells", "What an elastic wave may cross in a substep.", "Stable up to about 1; a margin of three.")
+    courant: float = constant(
+        0.3, "cells", "How far an elastic wave may travel in a substep.", "Stable up to about 1; a margin of three."
+    )
     flow_substeps: float = constant(
-        3000.0, "1/s", "Of bodies that flow, at least. With fewer they flow too far in one; more than the waves need damp the flow, and "
-        "without end, as each passes the motion through the grid once more.", "Development scenes, docs/notebook/solver.md.",
+        3000.0, "1/s", "Least number of substeps for bodies that flow. With fewer they flow too far in one substep; but substeps beyond "
+        "those that the waves need damp the flow, and without limit, as each passes the motion through the grid once more.",
+        "Development scenes, docs/notebook/solver.md.",
     )  # fmt: skip
     viscous_courant: float = constant(
-        0.48, "cells", "Largest crossed sqrt(1 + 2 tau / dt) of a damped body.",
+        0.48, "cells", "Largest value of (cells that a wave crosses in a substep) sqrt(1 + 2 tau / dt) for a damped body.",
         "Shaken and bent bars break down from 1.05 on (Poisson's ratio 0.3) or 0.95 on (0.45). A recovery's rough model, with half the "
         "substeps, is at twice this; carried changes (`tangent`) of a free leaf were lost at 0.9.",
     )  # fmt: skip
-    min_substeps: int = constant(8, "per frame", "Whatever the material.", "Cost: they are cheap.")
+    min_substeps: int = constant(8, "per frame", "Least number of substeps, whatever the material.", "Cost: they are cheap.")
     max_substeps: int = constant(
-        200, "per frame", "Of free bodies; a stiffer one is softened, and hardly moves differently.", "Cost of a recovery."
+        200, "per frame", "Most substeps of a free body; a stiffer one is softened, and hardly moves differently.", "Cost of a recovery."
     )
     max_substeps_held: int = constant(
-        500, "per frame", "Of held bodies: how far a force bends them is given by their stiffness, so softer means less force.",
-        "Cost of a recovery.",
+        500, "per frame", "Most substeps of a held body. Its stiffness determines how far a force bends it, so a softened body means a "
+        "weaker force.", "Cost of a recovery.",
     )  # fmt: skip
     worth: float = constant(
-        0.1, "1", "Least share of a held body's stiffness that the most substeps have to carry. With less, the force answers its weight "
-        "and its inertia alone, as that of a free body does, and it gets no more substeps than one.", "Chosen.",
+        0.1, "1", "Least share of a held body's stiffness that must remain with the most substeps. With less, the force only balances its "
+        "weight and inertia, as that of a free body does, and it gets no more substeps than a free one.", "Chosen.",
     )  # fmt: skip
     default_speed: float = constant(5.0, "m/s", "Fastest motion expected when nothing better is known.", "Chosen.")
 
@@ -86,7 +89,7 @@ LIMITS = SolverLimits()
 
 @dataclass(frozen=True)
 class Material:
-    """A material and where its numbers are from."""
+    """A material, with the sources of its numbers."""
 
     name: str
     law: str
@@ -102,19 +105,19 @@ class Material:
     """Pa s; viscoplastic only."""
     source: str = ""
     loss_factor: float = 0.0
-    """Of the elastic laws: energy lost in a radian of an oscillation over the energy stored, at `LOSS_FREQUENCY`. Where nothing is known
-    it is zero, which leaves the damping that the solver has of itself."""
+    """Elastic laws only: energy lost per radian of oscillation over the energy stored, at `LOSS_FREQUENCY`. Zero where it is unknown,
+    which leaves only the solver's numerical damping."""
 
     @property
     def retardation(self) -> float:
-        """s by which the strain of a Kelvin-Voigt solid lags behind the stress: a mode at the frequency f has the loss factor
-        2 pi f times it, and half of that as its damping ratio."""
+        """Retardation time tau [s], by which the strain of a Kelvin-Voigt solid lags behind the stress: a mode at the frequency f has the
+        loss factor 2 pi f tau, and half of that as its damping ratio."""
         return 0.0 if self.law in PLASTIC_LAWS else self.loss_factor / (2.0 * math.pi * LOSS_FREQUENCY)
 
 
 @dataclass(frozen=True)
 class Sheet:
-    """A thin sheet, the same all over and in all directions, and where its numbers are from."""
+    """A thin sheet, homogeneous and isotropic, with the sources of its numbers."""
 
     areal_density: float
     """kg/m²."""
@@ -125,11 +128,11 @@ class Sheet:
     bending_stiffness: float
     """N m: moment per width over curvature of a strip."""
     loss_factor: float = 0.0
-    """Stretching and bending, as of `Material`; of a fabric it is its own, as its threads rub."""
+    """As in `Material`, for stretching and bending; a fabric's own, because its threads rub."""
     poisson_ratio: float = 0.3
     source: str = ""
     woven: bool = False
-    """Cloth, not a leaf, paper or film."""
+    """Whether it is cloth, not a leaf, paper or film."""
 
     def __post_init__(self) -> None:
         """MaterialError: a number that is not physical."""
@@ -147,17 +150,17 @@ class Sheet:
 
     @property
     def bending_length(self) -> float:
-        """m over which its own weight bends it: (B / (m'' g))^(1/3), Peirce (The Handle of Cloth, J. Text. Inst. 1930)."""
+        """Length [m] over which the sheet's own weight bends it: (B / (m'' g))^(1/3), Peirce (The Handle of Cloth, J. Text. Inst. 1930)."""
         return (self.bending_stiffness / (self.areal_density * 9.81)) ** (1.0 / 3.0)
 
     def with_own(
         self, density: float | None, youngs_modulus: float | None, poisson_ratio: float | None, thickness: float | None = None
     ) -> Sheet:
-        """With numbers of the user's own, in SI units, None to keep the sheet's: density times thickness is the weight per area, Young's
-        modulus gives both stiffnesses, as of a homogeneous plate.
+        """The sheet with the user's own numbers, in SI units; None keeps the sheet's. Density times thickness is the areal density, and
+        Young's modulus gives both stiffnesses, as for a homogeneous plate.
 
         Raises:
-            MaterialError: numbers that no sheet has.
+            MaterialError: numbers that are not physical.
         """
         h = self.thickness if thickness is None else thickness
         changes: dict[str, Any] = {"thickness": h} | ({} if poisson_ratio is None else {"poisson_ratio": max(poisson_ratio, 0.0)})
@@ -168,7 +171,7 @@ class Sheet:
         return dataclasses.replace(self, **changes)
 
     def as_solid(self, name: str) -> Material:
-        """The material that the sheet is made of, if it is the same all through: for what is told per volume."""
+        """The material of the sheet, as if it were homogeneous through its thickness: for quantities per volume."""
         return Material(
             name, "corotated", density=self.areal_density / self.thickness, youngs_modulus=self.tensile_stiffness / self.thickness,
             poisson_ratio=self.poisson_ratio, loss_factor=self.loss_factor, source=self.source,
@@ -176,19 +179,18 @@ class Sheet:
 
     @property
     def retardation(self) -> float:
-        """s, as of `Material`."""
+        """Retardation time [s], as in `Material`."""
         return self.loss_factor / (2.0 * math.pi * LOSS_FREQUENCY)
 
 
 SHEET_UNITS = {"areal_density": "kg/m²", "thickness": "m", "tensile_stiffness": "N/m", "bending_stiffness": "N m"}
-"""What a sheet needs numbers above zero for."""
+"""Properties of a sheet that must be above zero, and their units."""
 
 
 def substeps_needed(material: Material, dx: float, frame_dt: float, density: float = 1.0) -> int:
-    """Substeps a frame [s] that the waves of a material need on a grid of dx [m]: dt <= `LIMITS.courant` dx / c, c² = (lam + 2 mu) / rho.
+    """Substeps in a frame of `frame_dt` [s] that the waves of a material need on a grid of spacing dx [m].
 
-    Args:
-        density: factor on the material's.
+    They must satisfy dt <= `LIMITS.courant` dx / c with c² = (lam + 2 mu) / rho. density: factor on the material's.
     """
     mu, lam = lame(material.youngs_modulus, material.poisson_ratio)
     return math.ceil(math.sqrt((lam + 2.0 * mu) / (material.density * density)) * frame_dt / (LIMITS.courant * dx))
@@ -219,14 +221,14 @@ def adjust(
     viscosity: float | None = None,
     loss_factor: float | None = None,
 ) -> Material:
-    """`material` with the given properties replaced (None keeps the library's) and all of them checked.
+    """`material` with the given properties replaced (None keeps the material's) and all properties checked.
 
     Args:
         law: one of `LAWS`; density: [kg/m³]; youngs_modulus, yield_stress: [Pa]; viscosity: [Pa s]; loss_factor: elastic laws only.
 
     Raises:
-        MaterialError: unknown law, a number that is not finite or out of its range, a plastic law without
-            a yield stress, or an elastic one with.
+        MaterialError: an unknown law, a number that is not finite or out of its range, a plastic law without a yield stress, or an elastic
+            law with one.
     """
     given = {"law": law, "density": density, "youngs_modulus": youngs_modulus, "poisson_ratio": poisson_ratio}
     given |= {"yield_stress": yield_stress, "viscosity": viscosity, "loss_factor": loss_factor}
@@ -237,7 +239,7 @@ def adjust(
     if changes.get("yield_stress") and result.law not in PLASTIC_LAWS:
         plastic = " or ".join(sorted(PLASTIC_LAWS))
         raise MaterialError(
-            f"{material.name} has the elastic law {result.law}, which knows no yield stress.",
+            f"{material.name} has the elastic law {result.law}, which has no yield stress.",
             f"Leave the yield stress out, or give --law {plastic}.",
         )
     return result
@@ -247,7 +249,7 @@ def _number(key: str, value: object) -> float:
     try:
         return float(value)  # type: ignore[arg-type]
     except (TypeError, ValueError) as error:
-        raise MaterialError(f"{key} is {value!r}, which is no number.", "Give a number in SI units.") from error
+        raise MaterialError(f"{key} is {value!r}, which is not a number.", "Give a number in SI units.") from error
 
 
 def _check(material: Material) -> None:
@@ -288,7 +290,7 @@ def _read_library() -> tuple[dict[str, Material], dict[str, Sheet]]:
 
 
 def _source(sources: dict[str, str], references: dict[str, str]) -> str:
-    """One line out of the sources of the single properties; those that share one are named together."""
+    """The sources of the properties as one line; properties with the same source are named together."""
     together: dict[str, list[str]] = {}
     for key, source in sources.items():
         together.setdefault(source.format_map(references), []).append(key.replace("_", " "))
@@ -296,4 +298,4 @@ def _source(sources: dict[str, str], references: dict[str, str]) -> str:
 
 
 MATERIALS, SHEETS = _read_library()
-"""All materials of the library by name, and those that come as thin sheets."""
+"""All materials of the library by name, and the sheets of those that come as thin sheets."""

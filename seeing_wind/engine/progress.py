@@ -1,4 +1,4 @@
-"""Progress, cancelling and a journal: arguments with a no-op default, so that no stage knows who watches or keeps what it found."""
+"""Progress, cancelling and a journal: arguments with a no-op default, so that no stage knows who watches it or keeps its results."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 R = TypeVar("R")
 
 CANCEL_BY_STDIN = "SEEING_WIND_CANCEL_BY_STDIN"
-"""Environment variable, "1" from a parent that cancels by the worker's stdin. stdin may also be a terminal, an empty file or nothing."""
+"""Environment variable: a parent that cancels through the worker's stdin sets it to "1". Otherwise stdin may be anything, or nothing."""
 
 
 class Cancelled(Exception):
@@ -19,7 +19,8 @@ class Cancelled(Exception):
 
 
 class Progress:
-    """What a long job reports to. What takes one comes to a safe point at least twice a second, and may raise `Cancelled` there.
+    """Receives the reports of a long job. A function that takes one reaches a safe point at least twice a second, where it may raise
+    `Cancelled`.
 
     Args:
         emit: receives one message (a dict that JSON can hold) per call, or None to be silent.
@@ -42,11 +43,11 @@ class Progress:
         self._emit({"type": "progress", "stage": self.stage, "fraction": round(float(fraction), 4), "message": message, **figures})
 
     def part(self, begin: float, end: float) -> Progress:
-        """A share of the current stage, from `begin` to `end`, as a progress of its own."""
+        """A `Progress` for the part of the current stage from fraction `begin` to `end`."""
         return _Part(self, begin, end)
 
     def warn(self, message: str) -> None:
-        """Something the user should know that does not stop the job."""
+        """Tell the user something that does not stop the job."""
         self._emit({"type": "warning", "stage": self.stage, "message": message})
 
     def check(self) -> None:
@@ -75,14 +76,14 @@ class _Part(Progress):
 
 
 class NoProgress(Progress):
-    """Nobody watches and nobody cancels."""
+    """Reports to nobody, and is never cancelled."""
 
 
 class Loop:
     """A loop that cannot be resumed."""
 
     def resume(self) -> tuple[int, dict[str, np.ndarray]]:
-        """How many rounds a former run has left behind it, and the state after them; 0 and nothing when it begins."""
+        """The number of rounds that an earlier run has done, and the state after them; 0 and nothing for a new loop."""
         return 0, {}
 
     def reached(self, done: int, state: Callable[[], dict[str, np.ndarray]]) -> None:
@@ -93,11 +94,11 @@ class Journal:
     """A journal of a long computation that keeps nothing: the default wherever one is asked for. See `recovery.journal`."""
 
     def once(self, name: str, kind: type[R], work: Callable[[], R], *inputs: Any) -> R:
-        """What `work` returns, a record of the class `kind` (see `records`); read instead where a former run has come past here.
+        """The result of `work`, a record of the class `kind` (see `records`); it is read instead if an earlier run has got past this point.
 
         Args:
-            name: of this part of the computation; several of one name are told apart by their order.
-            inputs: what may differ between runs that the journal's stamp does not tell apart (see `stamp_of`).
+            name: of this part of the computation; parts with the same name are distinguished by their order.
+            inputs: what may differ between runs with the same stamp of the journal (see `stamp_of`).
         """
         return work()
 
@@ -111,7 +112,7 @@ class Journal:
 
 
 def in_words(seconds: float) -> str:
-    """A time as people say it, no more exact than an estimate is."""
+    """A time in words, no more precise than an estimate is."""
     if seconds < 55.0:
         return f"{max(5, 5 * round(seconds / 5))} seconds"
     if seconds < 5400.0:

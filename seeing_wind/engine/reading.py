@@ -1,7 +1,7 @@
-"""Files from outside, read without believing them: what they declare is checked against what is there before anything is allocated.
+"""Reading files from outside without trusting them: what they declare is checked against what they contain before anything is allocated.
 
-Everything here raises `OSError` where there is no regular file that can be opened (missing, a folder, a pipe, a device), and `ValueError`
-with a clause such as "it is nested too deeply" for contents that cannot be used. Callers put the file's name and the advice round it.
+Everything here raises `OSError` if there is no regular file that can be opened (missing, a folder, a pipe, a device), and `ValueError`
+with a clause such as "it is nested too deeply" for contents that cannot be used; callers add the file's name and the advice.
 No reader executes anything, waits for a pipe, or takes more memory than its limit.
 """
 
@@ -25,52 +25,52 @@ import numpy as np
 from numpy.lib import format as npy
 
 LARGEST_TEXT = 256 * 2**20
-"""Bytes of a JSON, TOML or OBJ file: a camera with a matrix in each of 100,000 frames takes 40 MB."""
+"""Bytes of a JSON, TOML or OBJ file, at most: a camera with a matrix in each of 100,000 frames takes 40 MB."""
 
 DEEPEST = 32
-"""Brackets inside brackets; the deepest file of ours has six."""
+"""Levels of nesting, at most; our own files have up to six."""
 
 _LONG_KEY = re.compile(r"(?:[A-Za-z0-9_-]+[ \t]*\.[ \t]*){1000}")
-"""A dotted key that no file of ours comes near. Python's TOML reader takes memory that grows with the square of its parts."""
+"""A dotted key, far longer than in any file of ours. The memory of Python's TOML reader grows with the square of its number of parts."""
 
 LARGEST_ARRAYS = 2 * 2**30
-"""Bytes that the arrays of one file of the user may take in memory: 600 particles in 100,000 frames take 1.4 GB."""
+"""Bytes that the arrays of a user's file may take in memory: 600 particles in 100,000 frames take 1.4 GB."""
 
 LARGEST_TAKE = 16 * 2**30
-"""The same of a file of a take, which holds a mask for every frame of the clip."""
+"""Bytes that the arrays of a take's file may take in memory; it has a mask for every frame of the clip."""
 
 DEFLATED = 1032
-"""Bytes that a deflated byte can stand for at most."""
+"""Largest compression ratio of deflate."""
 
 KINDS = "biufU"
-"""Types of array that are read: truth values, numbers and text. None of them needs pickle."""
+"""Types of array that are read: booleans, numbers and text. None of them needs pickle."""
 
 _DAMAGED = (ValueError, TypeError, EOFError, SyntaxError, RuntimeError, zipfile.BadZipFile, zlib.error, OverflowError)
-"""What NumPy and the standard library raise for an archive that is cut or garbled; RuntimeError is one with a password."""
+"""What NumPy and the standard library raise for an archive that is truncated or garbled; RuntimeError: it has a password."""
 
 
 class EmptyFile(ValueError):
-    """A file of no bytes."""
+    """A file without any bytes."""
 
 
 def regular(path: str | os.PathLike[str]) -> int:
-    """Size [bytes] of the file `path`, links followed.
+    """Size [bytes] of the file `path`; links are followed.
 
     Raises:
-        OSError: nothing there, or no regular file: opening a pipe or a device may wait for ever.
-        EmptyFile: nothing in it; ValueError: a path with a NUL.
+        OSError: there is nothing, or not a regular file: opening a pipe or a device may wait for ever.
+        EmptyFile: the file is empty; ValueError: a path with a NUL character.
     """
     found = os.stat(path)
     if not stat.S_ISREG(found.st_mode):
         kinds = {stat.S_IFDIR: "a folder", stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket"}
         raise OSError(errno.EINVAL, f"it is {kinds.get(stat.S_IFMT(found.st_mode), 'a device')}, not a file", str(path))
-    if found.st_size == 0:  # also what the system only shows as files
+    if found.st_size == 0:  # also what the system only presents as files, such as those in /proc
         raise EmptyFile("it is empty")
     return found.st_size
 
 
 def read_text(path: str | os.PathLike[str]) -> str:
-    """The UTF-8 text of a file, without the mark that editors of Windows put first, bytes that are no UTF-8 replaced."""
+    """The UTF-8 text of a file, without the byte order mark of Windows editors; bytes that are not UTF-8 are replaced."""
     size = regular(path)
     if size > LARGEST_TEXT:
         raise ValueError(f"it is larger than any such file, {size / 1e6:.0f} MB")
@@ -78,17 +78,17 @@ def read_text(path: str | os.PathLike[str]) -> str:
 
 
 def read_json(path: str | os.PathLike[str]) -> Any:
-    """The value that a JSON file holds."""
+    """The value in a JSON file."""
     return parse_json(read_text(path))
 
 
 def parse_json(text: str | bytes, constants: bool = True) -> Any:
-    """The value that JSON text holds, NaN and infinities only with `constants`. Raises ValueError."""
+    """The value in JSON text; NaN and infinities are accepted only with `constants`. Raises ValueError."""
     return _sane(json.loads if constants else lambda text: json.loads(text, parse_constant=_no_constant), text)
 
 
 def _no_constant(name: str) -> float:
-    raise ValueError(f"it holds {name}, which is no number")
+    raise ValueError(f"it holds {name}, which is not a number")
 
 
 def read_toml(path: str | os.PathLike[str]) -> dict[str, Any]:
@@ -100,13 +100,13 @@ def read_toml(path: str | os.PathLike[str]) -> dict[str, Any]:
 
 
 def _sane(parse: Any, text: str | bytes) -> Any:
-    """What `parse` makes of the text, without what only a hostile file holds: deep nesting, and whole numbers beyond 64 bits."""
+    """The result of `parse` on the text; refuses what only a hostile file has: deep nesting, and whole numbers beyond 64 bits."""
     try:
         values = parse(text)
     except RecursionError:
         raise ValueError("it is nested too deeply") from None
     except ValueError as error:
-        if "integer string" in str(error):  # Python's own message speaks of a limit that the user could raise
+        if "integer string" in str(error):  # Python's own message suggests raising a limit
             raise ValueError("it holds a number of thousands of digits") from None
         raise
     level, depth = [values], 0
@@ -121,7 +121,7 @@ def _sane(parse: Any, text: str | bytes) -> Any:
 
 
 def read_array(path: str | os.PathLike[str]) -> np.ndarray:
-    """The array of an NPY file that takes at most `LARGEST_ARRAYS` bytes."""
+    """The array in an NPY file; it may take `LARGEST_ARRAYS` bytes."""
     size = regular(path)
     try:
         with open(path, "rb") as file:
@@ -135,7 +135,7 @@ def read_array(path: str | os.PathLike[str]) -> np.ndarray:
 
 
 def read_arrays(path: str | os.PathLike[str], keys: Collection[str] | None = None, limit: int = LARGEST_ARRAYS) -> dict[str, np.ndarray]:
-    """Arrays of an NPZ file by their names, only those in `keys` if given, that take at most `limit` bytes together."""
+    """The arrays in an NPZ file by their names, only those in `keys` if given; together they may take `limit` bytes."""
     size, at = regular(path), ""
     arrays: dict[str, np.ndarray] = {}
     try:
@@ -154,7 +154,7 @@ def read_arrays(path: str | os.PathLike[str], keys: Collection[str] | None = Non
                     limit -= _check(file, member.file_size, limit)
                 with archive.open(member) as file:
                     arrays[name] = npy.read_array(file, allow_pickle=False)
-                    file.read(1)  # at the end the archive compares its check sum
+                    file.read(1)  # reaching the end makes the archive compare its check sum
     except _DAMAGED as error:
         raise ValueError(at + _clause(error, "an NPZ archive")) from error
     except MemoryError:
@@ -163,7 +163,7 @@ def read_arrays(path: str | os.PathLike[str], keys: Collection[str] | None = Non
 
 
 def array_names(path: str | os.PathLike[str]) -> list[str]:
-    """Names of the arrays in an NPZ file, which are not read."""
+    """Names of the arrays in an NPZ file; the arrays are not read."""
     regular(path)
     try:
         with zipfile.ZipFile(path) as archive:
@@ -173,21 +173,21 @@ def array_names(path: str | os.PathLike[str]) -> list[str]:
 
 
 def _check(file: IO[bytes], size: int, limit: int) -> int:
-    """Bytes of the NPY array that begins here, whose file has `size` bytes; its header is read and no more.
+    """Bytes of the NPY array that begins here, in a file of `size` bytes; only its header is read.
 
     Raises:
-        ValueError: a type that is not read, or a declared size that is not the file's, or beyond `limit`.
+        ValueError: a type that is not read, or a declared size larger than the file or beyond `limit`.
     """
     try:
         version = npy.read_magic(file)
     except ValueError:
-        raise ValueError("it is no array") from None
+        raise ValueError("it is not an array") from None
     if version not in ((1, 0), (2, 0)):
         raise ValueError("it holds a structure, not plain numbers")
     read = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
     try:
         shape, _, dtype = read(file)
-    except Exception:  # NumPy reads it as Python's literals, and raises whatever that stumbles over
+    except Exception:  # NumPy parses it as Python literals, which may raise anything
         raise ValueError("its header is damaged") from None
     if dtype.kind not in KINDS:
         raise ValueError(f"it holds {dtype}, not plain numbers")
@@ -202,7 +202,7 @@ def _check(file: IO[bytes], size: int, limit: int) -> int:
 
 
 def _clause(error: BaseException, what: str) -> str:
-    """The message of a damaged file, one line; what NumPy says of pickles advises what is not done here."""
+    """The message for a damaged file, on one line; without NumPy's advice on pickles, which are never read here."""
     text = " ".join(str(error).split())
     if "pickle" in text or "Object arrays" in text or isinstance(error, zipfile.BadZipFile) or not text:
         return f"it is not {what} of plain numbers" + ("" if "pickle" in text or not text else f" ({text})")
@@ -230,21 +230,21 @@ SHAPES: dict[str, dict[str, str]] = {
         "section": "2", "section_axes": "2 3", "held_covariance": "4 4", "wild": "T", "borne": "3",
     },
 }  # fmt: skip
-"""Shapes of the arrays in the records of a take: a letter is the same number wherever it stands in a record."""
+"""Shapes of the arrays in the records of a take; a letter stands for the same number everywhere in a record."""
 
 FINITE = {
     "Body": ("particles.x", "particles.volume", "surface.vertices", "path", "path_sigma", "measured.x", "measured.modes",
              "measured.covariance"),
     "Recovery": ("force_density", "x", "F", "v0", "section", "section_axes", "held_covariance"),
 }
-"""Arrays that hold no NaN and no infinity in any sound take."""
+"""Arrays that must be finite in an undamaged take."""
 
 POINTS_AT = {"surface.triangles": "V", "surface.attachment.index": "N", "gaussians.attachment.index": "N", "keypoints.index": "N"}
-"""Arrays of indices, and what they count."""
+"""Arrays of indices, and the letter of the length that bounds them."""
 
 
 def check_record(record: Any) -> None:
-    """Compare the arrays of a record of `records` with each other. Raises ValueError: shapes, indices or values that do not fit."""
+    """Check the arrays of a record of `records` against each other. Raises ValueError for shapes, indices or values that do not fit."""
     kind, lengths = type(record).__name__, dict[str, int]()
     for name, letters in SHAPES.get(kind, {}).items():
         array = _member(record, name)
@@ -252,7 +252,7 @@ def check_record(record: Any) -> None:
             continue
         names = letters.split()
         if not isinstance(array, np.ndarray) or array.dtype.kind not in "biuf":
-            raise ValueError(f"{name} holds no numbers")
+            raise ValueError(f"{name} does not hold numbers")
         lengths_of = array.shape[-len(names) + 1 :] if names[0] == "..." else array.shape
         names = names[1:] if names[0] == "..." else names
         wanted = [int(one) if one.isdigit() else lengths.setdefault(one, length) for one, length in zip(names, lengths_of)]
@@ -264,7 +264,7 @@ def check_record(record: Any) -> None:
         if letter in lengths and name in SHAPES.get(kind, {}):
             index = _member(record, name)
             if index.size and (index.dtype.kind not in "iu" or index.min() < 0 or index.max() >= lengths[letter]):
-                raise ValueError(f"{name} names what is not there")
+                raise ValueError(f"{name} has indices that are out of range")
 
 
 def _member(record: Any, name: str) -> Any:

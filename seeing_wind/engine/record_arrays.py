@@ -1,4 +1,4 @@
-"""Records (see `records`) as named arrays, as the NPZ files of a take keep them, and back."""
+"""Records (see `records`) as named arrays for the NPZ files of a take, and back."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from .take import Take
 R = TypeVar("R")
 
 TRAJECTORY = "trajectory.npz"
-"""Of a take: the motion that its field was recovered with."""
+"""File of a take with its recovery: the simulated motion and the forces."""
 
 
 def to_arrays(record: Any, prefix: str = "") -> dict[str, np.ndarray]:
-    """A record (see `records`) as flat named arrays, nested records joined with dots, None and lists of strings as JSON."""
+    """A record (see `records`) as a flat mapping of named arrays: names in nested records are joined with dots, other values are JSON."""
     arrays: dict[str, np.ndarray] = {}
     for field in dataclasses.fields(record):
         value, key = getattr(record, field.name), prefix + field.name
@@ -39,7 +39,7 @@ def from_arrays(cls: type[R], arrays: dict[str, np.ndarray], prefix: str = "") -
     """The inverse of `to_arrays`.
 
     Raises:
-        WrongTake: when a field is missing (a take of another version), or is not what `to_arrays` writes or does not fit the others (a
+        WrongTake: when a field is missing (a take of another version), or is not as `to_arrays` writes it, or does not fit the others (a
             damaged take).
     """
     hints: dict[str, Any] = get_type_hints(cls)
@@ -50,7 +50,7 @@ def from_arrays(cls: type[R], arrays: dict[str, np.ndarray], prefix: str = "") -
         if inner is not None and (inner is kind or any(name.startswith(f"{key}.") for name in arrays)):
             values[field.name] = from_arrays(inner, arrays, key + ".")  # type: ignore[arg-type]
         elif key not in arrays and field.default is not dataclasses.MISSING:
-            continue  # a take from before the field was there
+            continue  # a take from before the field existed
         elif key not in arrays:
             raise WrongTake(f"The take lacks {key}.", "It was written by another version: run `recover` again.")
         elif np.ndarray in (kind, *get_args(kind)) and arrays[key].dtype.kind != "U":  # None is JSON
@@ -69,17 +69,17 @@ def from_arrays(cls: type[R], arrays: dict[str, np.ndarray], prefix: str = "") -
 
 
 def _plain(text: str, kind: Any) -> Any:
-    """The value of the type `kind` that is written in JSON. Raises ValueError where it is none."""
+    """A value of the type `kind` from JSON text. Raises ValueError for one of another type."""
     value = parse_json(text)
     if isinstance(kind, type) and issubclass(kind, StrEnum):
         return kind(value)
     if not _fits(value, kind):
-        raise ValueError(f"{text[:40]} is no {getattr(kind, '__name__', kind)}")
+        raise ValueError(f"{text[:40]} is not {getattr(kind, '__name__', kind)}")
     return tuple(value) if get_origin(kind) is tuple else value
 
 
 def _fits(value: Any, kind: Any) -> bool:
-    """Whether what JSON gave is of the type `kind`: a plain one, None, a list or tuple of one of them, or a choice of these."""
+    """Whether a value from JSON is of the type `kind`: a plain type, None, a list or tuple of one of these, or a union."""
     if isinstance(kind, UnionType):
         return any(_fits(value, one) for one in get_args(kind))
     if get_origin(kind) in (list, tuple):
@@ -90,7 +90,7 @@ def _fits(value: Any, kind: Any) -> bool:
 
 
 def read_body(take: Take) -> Body:
-    """The body of a take. Raises WrongTake where the take has none (recovered from trajectories)."""
+    """The body of a take. Raises WrongTake if the take has none (one recovered from trajectories)."""
     return from_arrays(Body, take.read_arrays("particles.npz"))
 
 
@@ -100,7 +100,7 @@ def read_recovery(take: Take) -> Recovery:
 
 
 def recovery_of(arrays: dict[str, np.ndarray]) -> Recovery:
-    """The recovery of a trajectory's file. Raises as `from_arrays`."""
-    if "deviation" in arrays and arrays["deviation"].ndim == 2:  # of a take from before each component had its own
+    """The recovery from the arrays of a trajectory file. Raises as `from_arrays`."""
+    if "deviation" in arrays and arrays["deviation"].ndim == 2:  # a take from before each component had its own deviation
         arrays["deviation"] = np.repeat(arrays["deviation"][..., None], 3, axis=-1)
     return from_arrays(Recovery, arrays)

@@ -1,4 +1,4 @@
-"""What the stages hand on to each other: frozen records of NumPy arrays. Tensors and Taichi fields never leave their rooms.
+"""What the stages pass on to each other: frozen records of NumPy arrays. Tensors and Taichi fields never leave their rooms.
 
 Letters and units are those of `conventions`. Arrays are float64 unless a field says otherwise.
 """
@@ -40,10 +40,10 @@ class Camera:
     camera_to_world: np.ndarray
     """(4, 4) for a static camera, (T+1, 4, 4) for a moving one."""
     distortion: tuple[float, ...] = ()
-    """The lens, k1 k2 p1 p2 k3 of OpenCV's model; () for none. Pixels everywhere are those of the pinhole, except in `filmed`."""
+    """Distortion of the lens, k1 k2 p1 p2 k3 of OpenCV's model; () for none. All pixels are those of the pinhole, except in `filmed`."""
 
     def filmed(self, xy: np.ndarray) -> np.ndarray:
-        """Where the lens showed the pinhole's pixels (..., 2): pixels of the clip's file."""
+        """The pinhole's pixels (..., 2) -> where the lens shows them: pixels of the clip's file."""
         if not any(self.distortion):
             return np.asarray(xy, dtype=np.float64)
         k1, k2, p1, p2, k3 = self.distortion
@@ -90,7 +90,7 @@ class Camera:
 
 @dataclass(frozen=True)
 class Doubt:
-    """What makes a clip less trustworthy, whatever is looked for in it."""
+    """A reason why results from a clip may be wrong, whatever is recovered from it."""
 
     severity: float
     """From 1 on the result cannot be trusted."""
@@ -103,7 +103,7 @@ class Doubt:
 
 @dataclass(frozen=True)
 class Doubts:
-    """Those of a clip."""
+    """All `Doubt`s about a clip, as one record."""
 
     severity: np.ndarray
     """(D,), see `Doubt`."""
@@ -112,7 +112,7 @@ class Doubts:
 
     @staticmethod
     def of(doubts: Iterable[Doubt]) -> Doubts:
-        """The worst first."""
+        """The doubts, the worst first."""
         found = sorted(doubts, key=lambda one: -one.severity)
         return Doubts(np.array([one.severity for one in found]), tuple(one.because for one in found), tuple(one.do for one in found))
 
@@ -122,17 +122,17 @@ class Doubts:
 
 @dataclass(frozen=True)
 class Recognised:
-    """M points of frame 0 that were recognised in later frames; the same point often in several."""
+    """M recognitions of points of frame 0 in later frames; a point may be recognised in several."""
 
     frame: np.ndarray
-    """(M,) int32, the frame of each, 1 to T."""
+    """(M,) int32, the frame of each recognition, 1 to T."""
     first: np.ndarray
-    """(M, 2) where it is in frame 0 [px], and"""
+    """(M, 2) where the point is in frame 0 [px]."""
     xy: np.ndarray
-    """(M, 2) in that frame [px]."""
+    """(M, 2) where it is in `frame` [px]."""
 
     def moved(self, to: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> Recognised:
-        """In other pixels: `to` maps places (M, 2) in frames (M,)."""
+        """The same in other pixel coordinates: `to` maps places (M, 2) in frames (M,)."""
         return Recognised(self.frame, to(self.first, np.zeros_like(self.frame)), to(self.xy, self.frame))
 
 
@@ -149,9 +149,9 @@ class Observation:
     image: np.ndarray
     """(H, W, 3) uint8 RGB, frame 0."""
     background: np.ndarray
-    """(H, W, 3) uint8 RGB, the clip without the object as far as it was seen (temporal median)."""
+    """(H, W, 3) uint8 RGB, the clip without the object, as far as it was seen (temporal median)."""
     masks: Masks
-    """(T+1, H, W) bool, the object; an array is packed."""
+    """(T+1, H, W) bool, the object; an array is converted to `Masks`."""
     depth: np.ndarray
     """(H, W) float32, metres along the view axis in frame 0, infinite off the object."""
     pin: np.ndarray
@@ -163,11 +163,11 @@ class Observation:
     sigma: np.ndarray
     """(T+1, K) standard deviation of a track [px]."""
     on_centroid: np.ndarray
-    """(K,) bool: the track is the silhouette's centroid, not a surface point (bodies too small or too plain for corners)."""
+    """(K,) bool: whether the track is the silhouette's centroid, not a surface point (bodies too small or too plain for corners)."""
     doubts: Doubts | None = None
-    """What the clip itself makes doubtful; None in takes from before it was kept."""
+    """Doubts about the clip itself; None in takes from before these were kept."""
     recognised: Recognised | None = None
-    """Points that are found again where tracks get lost; None where they do not."""
+    """Points found again where tracks get lost; None where this is not needed."""
 
     def __post_init__(self) -> None:
         if not isinstance(self.masks, Masks):
@@ -188,7 +188,7 @@ class Particles:
     volume: np.ndarray
     """(N,) rest volume [m³]."""
     pinned: np.ndarray
-    """(N,) bool: held where they are."""
+    """(N,) bool: whether a particle is held where it is."""
     spacing: float
     """Mean distance of neighbouring particles [m]; the grid's dx follows from it."""
     stiffness: np.ndarray | None = None
@@ -197,7 +197,7 @@ class Particles:
 
 @dataclass(frozen=True)
 class Attachment:
-    """Points that ride on particles: point k = sum_j weight[k, j] x[index[k, j]], weights fixed in frame 0, rows summing to one."""
+    """Points that move with particles: point k = sum_j weight[k, j] x[index[k, j]]; weights are fixed in frame 0, and rows sum to one."""
 
     index: np.ndarray
     """(K, J) int32."""
@@ -224,13 +224,13 @@ class Gaussians:
     scale: np.ndarray
     """(G, 3) standard deviations along the axes [m]."""
     rotation: np.ndarray
-    """(G, 4) unit quaternions w x y z: the axes."""
+    """(G, 4) unit quaternions w x y z of the axes' orientation."""
     opacity: np.ndarray
     """(G,) in 0..1."""
     sh: np.ndarray
-    """(G, B, 3) spherical harmonics, degree 0 first (B = 1 for a colour that does not depend on the view)."""
+    """(G, B, 3) spherical harmonics of the colour, degree 0 first (B = 1 for a colour that does not depend on the view)."""
     attachment: Attachment
-    """How the centres ride on the particles."""
+    """How the centres move with the particles."""
 
 
 @dataclass(frozen=True)
@@ -248,10 +248,10 @@ class Surface:
 
 @dataclass(frozen=True)
 class Measured:
-    """Where each frame by itself, hardly tied to its neighbours, puts the V vertices of a sheet, and how far that may be off.
+    """The V vertices of a sheet as measured in each frame by itself, hardly tied to its neighbours, and the errors of that.
 
-    Errors are displacements `modes` c with a Gaussian c in each frame, apart from the other frames': vertices share most of their error,
-    as a whole sheet seems nearer or farther.
+    Errors are displacements `modes` c, with a Gaussian c in each frame that is independent of the other frames'. Vertices share most of
+    their error, because the whole sheet seems nearer or farther.
     """
 
     x: np.ndarray
@@ -259,37 +259,37 @@ class Measured:
     modes: np.ndarray
     """(V, R), smooth over the sheet, orthonormal over its areas [1/m]."""
     covariance: np.ndarray
-    """(T+1, R, 3, R, 3) of c, which has three components for each mode [m⁴]; 0 in frame 0, where the sheet is defined."""
+    """(T+1, R, 3, R, 3) covariance of c, which has three components for each mode [m⁴]; 0 in frame 0, where the sheet is defined."""
 
 
 @dataclass(frozen=True)
 class Body:
-    """The object as physics sees it (stage *build*)."""
+    """The object as the solver moves it and as it looks (stage *build*)."""
 
     particles: Particles
     material: Material
     gaussians: Gaussians
     surface: Surface
     keypoints: Attachment
-    """The K tracked points of the observation on the particles (the paper's control, Eq. (13), generalised: see
+    """The key points of the observation's K tracks, attached to the particles (the paper's control, Eq. (13), generalised: see
     `observe/object/motion/control.py`)."""
     lifted: np.ndarray
     """(T+1, K, 3) key points P^t lifted to 3D [m], NaN where never seen or not placed: a display and a start, not the target of the fit."""
     tie_sigma: tuple[float, ...] = ()
-    """Per key point, how uncertain [px] its place is beyond what tracks placed in frame 0 have; () where all are certain."""
+    """For each key point, the uncertainty [px] of its place beyond that of tracks placed in frame 0; () if there is none."""
     sheet: Sheet | None = None
-    """Of a thin sheet, whose particles are the vertices of `surface`; None for a solid."""
+    """The properties of a thin sheet, whose particles are the vertices of `surface`; None for a solid."""
     path: np.ndarray | None = None
     """(T+1, V, 3) where the vertices of a sheet were seen [m]; None for a solid."""
     path_sigma: np.ndarray | None = None
     """(T+1, V) standard deviation of a coordinate of `path` [m]."""
     measured: Measured | None = None
-    """What the frames say of a sheet, of which `path` makes a smooth motion; None for a solid."""
+    """The measurements of a sheet in single frames, from which `path` is a smooth motion; None for a solid."""
 
 
 @dataclass(frozen=True)
 class PointTargets:
-    """Where material points went, in 3D."""
+    """Targets in 3D: where material points were in each frame."""
 
     x: np.ndarray
     """(T+1, K, 3) [m]."""
@@ -299,12 +299,12 @@ class PointTargets:
     sigma: float | None = None
     """Standard deviation [m] per coordinate, or None to estimate it from the data."""
     covariance: np.ndarray | None = None
-    """(K, 3, 3) [m²] of every point's errors, the same in all frames, in the place of `sigma`: depth is seen less well than place.
-    Where neighbouring frames differ by more, which is noise that points share or a motion too fast to tell from it, that counts."""
+    """(K, 3, 3) covariance [m²] of each point's errors, the same in all frames, instead of `sigma`: depth is less certain than position in
+    the image. Larger differences between neighbouring frames (shared noise, or motion too fast to tell from it) count in its place."""
 
     @property
     def stated(self) -> np.ndarray:
-        """(K,) variance [m²] of each point's place, its three coordinates together, as it was given; 0 where it was not."""
+        """(K,) the given variance [m²] of each point's position, summed over its three coordinates; 0 where none was given."""
         if self.covariance is not None:
             return np.trace(self.covariance, axis1=1, axis2=2)
         return np.full(self.visible.shape[1], 3.0 * (self.sigma or 0.0) ** 2)
@@ -312,7 +312,7 @@ class PointTargets:
 
 @dataclass(frozen=True)
 class TrackTargets:
-    """Where surface points appeared in one camera's frame."""
+    """Targets in pixels: where surface points appeared in one camera's frames."""
 
     xy: np.ndarray
     """(T+1, K, 2) [px]."""
@@ -323,16 +323,16 @@ class TrackTargets:
     camera: Camera
     attachment: Attachment
     offset: np.ndarray | None = None
-    """(K,) standard deviation [px] of a constant error of each attachment, for tracks that begin after frame 0; None leaves it small."""
+    """(K,) standard deviation [px] of a constant error of each attachment, for tracks that begin after frame 0; None takes a small one."""
 
 
 @dataclass(frozen=True)
 class Recovery:
-    """What the solve found (stage *recover*), before it is distilled into a field."""
+    """The result of the solve (stage *recover*), before it is distilled into a field."""
 
     outcome: Outcome
     force_density: np.ndarray
-    """(T, N, 3) [N/m³] on the particles, held over frame t, queried at x[t]."""
+    """(T, N, 3) [N/m³] on the particles, constant over interval t, at x[t]."""
     deviation: np.ndarray
     """(T, N, 3) posterior standard deviation of the force density [N/m³]."""
     x: np.ndarray
@@ -342,48 +342,48 @@ class Recovery:
     v0: np.ndarray
     """(N, 3) estimated initial velocity [m/s]."""
     residual: np.ndarray
-    """(T+1,) root mean square distance of simulated and observed points: [px] for tracks, [m] for points."""
+    """(T+1,) root mean square distance between simulated and observed points: [px] for tracks, [m] for points."""
     residual_unit: str
     iterations: int
     seconds: float
     notes: list[str] = field(default_factory=list)
     """What the user should know: capped stiffness, unseen directions, dropped tracks."""
     youngs_modulus: float | None = None
-    """What the motion of a held body fits [Pa]; None where it was not free or the clip does not tell it: then the material's holds."""
+    """Young's modulus of a held body, from its motion [Pa]; None for the material's: it was not free, or the clip does not determine it."""
     stiffness_deviation: float | None = None
-    """Standard deviation of the logarithm of `youngs_modulus`, by the fit itself."""
+    """Standard deviation of the logarithm of `youngs_modulus`, according to the fit itself."""
     stiffness: np.ndarray | None = None
-    """(N,) factor on Young's modulus besides, of a held body whose section is stiffer one way than the other; None is one everywhere."""
+    """(N,) further factor on Young's modulus, for a held body whose section is stiffer one way than the other; None is one everywhere."""
     clamp_depth: float = 0.0
-    """As in the settings: where the held part began to be held."""
+    """Clamp depth [grid cells], as in the settings."""
     cell: float = 0.0
     """Grid spacing of the simulation [m]."""
     section: np.ndarray | None = None
-    """(2,) a and b of `recovery.solve.stiffness`, where the clip tells the stiffness."""
+    """(2,) a and b of `recovery.solve.stiffness`, if the clip determines the stiffness."""
     section_axes: np.ndarray | None = None
-    """(2, 3) the directions u and v that they belong to."""
+    """(2, 3) the directions u and v of a and b."""
     held_covariance: np.ndarray | None = None
-    """(4, 4) of log E, clamp depth [grid cells], a and b, by the fit itself."""
+    """(4, 4) covariance of log E, clamp depth [grid cells], a and b, according to the fit itself."""
     substeps: int | None = None
-    """Per frame. A solver's damping hangs on them: the same force swings a body differently with others."""
+    """Substeps per frame. The solver's damping depends on them: with another number, the same force swings a body differently."""
     wild: np.ndarray | None = None
-    """(T,) bool: frames at the clip's ends in which the force is not seen, as the tracks there leave the motion of all others; None where
-    there are none."""
+    """(T,) bool: frames at the clip's ends in which the force is not seen, because the tracks there do not fit the motion in the other
+    frames; None if there are none."""
     clamp_moves: bool = False
-    """Whether what is held goes the way that its particles have in `x`, rather than stands still."""
+    """Whether the held part moves as its particles do in `x`, rather than stands still."""
     borne: np.ndarray | None = None
-    """(3,) gravity [m/s²] that a held body bears in the shape of frame 0, see `recovery.targets.weight`; None where it acts on it."""
+    """(3,) gravity [m/s²] that a held body bears in its shape of frame 0, see `recovery.targets.weight`; None if gravity acts on it."""
 
 
 def body_as_found(particles: Particles, recovery: Recovery) -> Particles:
-    """The body with its stiffness spread as the recovery found it."""
+    """The body with the distribution of stiffness that the recovery found."""
     if particles.stiffness is None or recovery.stiffness is None:
         return replace(particles, stiffness=particles.stiffness if recovery.stiffness is None else recovery.stiffness)
     return replace(particles, stiffness=particles.stiffness * recovery.stiffness)
 
 
 def as_found(material: Material, recovery: Recovery) -> Material:
-    """`material` with the stiffness that the recovery found for the body: its field belongs to that one."""
+    """`material` with the stiffness that the recovery found for the body; the recovered field belongs to that stiffness."""
     if recovery.youngs_modulus is None:
         return material
     source = f"{material.source}; Young's modulus: found from the motion, given {in_units(material.youngs_modulus, 'Pa')}"

@@ -1,7 +1,7 @@
-"""The first stages, observe -> build, and what leads from them to *recover*. Records in, records out, each kept in the take with its stamp.
+"""The first stages, observe -> build, and the steps from these to *recover*. Records in, records out, each kept in the take with its stamp.
 
-A stage whose stamp (inputs and settings) is already in the take is read back instead of run again, so an interrupted recovery resumes
-where it stopped and a changed setting redoes only what depends on it.
+A stage whose stamp (inputs and settings) is already in the take is read instead of run again, so an interrupted recovery resumes where it
+stopped, and after a change of settings only what depends on them is done again.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ FILES = ("mask", "outline", "tracks", "depth", "camera", "pin")
 """Fields of `ObserveSettings` that are paths of files."""
 
 LIFTED = "lifted.npz"
-"""Key points of the first view, (T+1, K, 3) [m], lifted by all views."""
+"""File with the key points of the first view, (T+1, K, 3) [m], lifted with all views."""
 
 
 def observe_stage(
@@ -43,12 +43,12 @@ def observe_stage(
 ) -> tuple[Observation, str]:
     """Stage *observe* -> `observation.npz`. Returns the observation and its stamp.
 
-    What is held is marked in it, and nothing that is seen depends on the mark: with another pin, only that is done again.
+    The held places are marked in the observation, but nothing else in it depends on them: with another `pin`, only they are done again.
 
     Args:
-        view: which further view of the same object the clip is, from 1; 0 for the one that the take is of. They have stages of their own.
-        watch: is shown the clip's frames, see `observe.clip.frames.read_clip`, if they have to be read.
-        ready: is shown the clip before the object is looked for, see `observe.observe`, if that has to be done.
+        view: number, from 1, of a further view of the same object, which has its own stage; 0 for the take's own clip.
+        watch: called with the clip's frames, see `observe.clip.frames.read_clip`, if they have to be read.
+        ready: called with the clip before the object is looked for, see `observe.observe`, if that has to be done.
     """
     from .observe import observe, pinned
     from .recovery.journal import TakeJournal
@@ -68,12 +68,12 @@ def observe_stage(
         progress.begin("observe", f"further view {Path(clip).name}" if view else "reading the clip")
         with TakeJournal(take, seen, progress) as journal:
             return finished(observe(clip, settings, progress, journal, watch, ready)), stamp
-    observation = pinned(dataclasses.replace(kept, clip=str(clip)), settings.pin)  # it may have been moved since
+    observation = pinned(dataclasses.replace(kept, clip=str(clip)), settings.pin)  # the clip may have been moved since
     return observation if np.array_equal(observation.pin, kept.pin) else finished(observation), stamp
 
 
 def observation_stamp(clip: str, settings: ObserveSettings) -> str:
-    """Stamp of an observation: settings, and the content of the clip and of the files, wherever they are: a project can be moved."""
+    """Stamp of an observation: settings, and contents of the clip and of the files, but not their paths, so that a project can be moved."""
     from .observe.clip.frames import files_of
 
     names = [getattr(settings, field) for field in FILES]
@@ -93,9 +93,9 @@ def build_stage(take: Take, observation: Observation, upstream: str, settings: B
 
     def read() -> Body:
         body = read_body(take)
-        # Each may be None in a take of an earlier version, whose field can still be sampled, but not under this version's stamp.
+        # Each may be None in a take of an earlier version, whose field can still be sampled, but not with this version's stamp.
         if body.sheet is not None and any(one is None for one in (body.path, body.path_sigma, body.measured)):
-            raise TakeError(f"{take.file('particles.npz')} lacks what was seen of the sheet.", "It is made again.")
+            raise TakeError(f"{take.file('particles.npz')} lacks the observed motion of the sheet.", "It is made again.")
         return body
 
     kept = take.kept("build", stamp, read, progress)
@@ -113,7 +113,7 @@ def build_stage(take: Take, observation: Observation, upstream: str, settings: B
 def lift_stage(
     take: Take, observation: Observation, body: Body, targets: Sequence[TrackTargets], upstream: str, progress: Progress
 ) -> Body:
-    """Stage *lift*, of several views -> `lifted.npz`: the body with its key points, or a sheet's path, found with all of them.
+    """Stage *lift*, for several views -> `lifted.npz`: the body with its key points, or a sheet's path, found with all views.
 
     Args:
         upstream: stamp of the body and of all views.
@@ -149,7 +149,7 @@ def lift_stage(
 def build_body(
     observation: Observation, settings: BuildSettings = BuildSettings(), progress: Progress = NoProgress(), journal: Journal = Journal()
 ) -> Body:
-    """The object as physics moves it and as it looks, without a take.
+    """The body, with its look, without a take.
 
     Raises:
         MaterialError, ObjectError, Cancelled: as `observe.object.build`.
@@ -161,7 +161,7 @@ def build_body(
 
 
 def write_gaussians(take: Take, gaussians: Gaussians) -> None:
-    """`gaussians.ply` in the standard layout of 3D Gaussian splatting."""
+    """Write `gaussians.ply` in the standard layout of 3D Gaussian splatting."""
     from .look import write_ply
 
     with take.writing("gaussians.ply") as path:
@@ -169,10 +169,10 @@ def write_gaussians(take: Take, gaussians: Gaussians) -> None:
 
 
 def check_solve(settings: RecoverSettings, clip: bool, views: int = 0) -> None:
-    """Refuse a schedule and an objective that do not go together, before any work is done.
+    """Refuse settings of the solve that do not go together, before any work is done.
 
     Args:
-        clip: there are frames, not only trajectories; views: further views besides the first.
+        clip: whether there are frames, not only trajectories; views: number of views besides the first.
 
     Raises:
         UsageError: with the reason.
@@ -207,7 +207,7 @@ def check_solve(settings: RecoverSettings, clip: bool, views: int = 0) -> None:
 
 
 def check_sheet(settings: RecoverSettings) -> None:
-    """Refuse what only the solve of a solid knows.
+    """Refuse settings that only the solve of a solid has.
 
     Raises:
         UsageError: with the reason.
@@ -221,7 +221,7 @@ def check_sheet(settings: RecoverSettings) -> None:
 
 
 def frame_loss(settings: RecoverSettings, observation: Observation, body: Body, progress: Progress) -> Callable[[float], MotionLoss]:
-    """The image or flow-and-depth loss of a clip, which is read once more: see `recovery.image_objective`, `flow_depth_objective`."""
+    """The image or flow-and-depth loss of a clip, which is read again: see `recovery.paper.image_loss` and `flow_depth_loss`."""
     from .observe.clip.frames import read_clip
     from .observe.tracks.dense_flow import dense_flow
     from .recovery.paper.flow_depth_loss import FlowDepthLoss, SceneFlow
@@ -238,7 +238,7 @@ def frame_loss(settings: RecoverSettings, observation: Observation, body: Body, 
 
 
 def track_targets(observation: Observation, body: Body) -> TrackTargets:
-    """The observation's tracks as targets of the recovery, those left out that have no place on the body."""
+    """The observation's tracks as targets of the recovery, without those that have no place on the body."""
     from .recovery.targets.constants import NOISE
 
     visible = observation.visible & np.isfinite(body.lifted).all(axis=-1)

@@ -1,6 +1,6 @@
-"""What Linux, macOS and Windows do differently: starting a process, putting a file in another's place, the length of a path.
+"""What Linux, macOS and Windows do differently: starting a process, replacing a file, the length of a path.
 
-Everything asks `windows()` here, so that a test can put one system's rules in another's place.
+Everything asks `windows()` here, so that a test can substitute another system's rules.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ from pathlib import Path
 from typing import IO, Any
 
 LONGEST_PATH = 259
-"""Characters of a whole path that Windows takes, unless long paths are switched on in its registry."""
+"""Longest path that Windows accepts [characters], unless long paths are enabled in its registry."""
 
 NO_WINDOW = 0x08000000
-"""CREATE_NO_WINDOW: a console program started from a window opens no console of its own. (`subprocess` has the names on Windows only.)"""
+"""CREATE_NO_WINDOW: a console program started from a window does not open a console. (`subprocess` has the names on Windows only.)"""
 NEW_GROUP = 0x00000200
 """CREATE_NEW_PROCESS_GROUP: a Ctrl-C in this process's console does not reach the child."""
 
 PAUSES = (0.02, 0.05, 0.1, 0.2, 0.4, 0.8)
-"""Seconds between tries to replace a file that somebody holds. A virus scanner or an indexer lets go of a new file within a second."""
+"""Seconds between attempts to replace a file that is open elsewhere. A virus scanner or an indexer releases a new file within a second."""
 
 
 def windows() -> bool:
@@ -36,19 +36,19 @@ def windows() -> bool:
 
 
 def quiet() -> dict[str, Any]:
-    """Options of `subprocess.run` for a program that answers at once: no console flashes up."""
+    """Options of `subprocess.run` for a short program: no console window flashes up."""
     return {"creationflags": NO_WINDOW} if windows() else {}
 
 
 def apart() -> dict[str, Any]:
-    """Options of `subprocess.Popen` for a worker: in a process group of its own, which a Ctrl-C in our terminal does not reach."""
+    """Options of `subprocess.Popen` for a worker in its own process group, which a Ctrl-C in our terminal does not reach."""
     return {"creationflags": NO_WINDOW | NEW_GROUP} if windows() else {"start_new_session": True}
 
 
 def replace(source: str | os.PathLike[str], target: str | os.PathLike[str]) -> None:
-    """Put the file or folder `source` in the place of `target`, all or nothing.
+    """Replace `target` by the file or folder `source`, atomically.
 
-    Windows refuses while either is open in another program, a scanner of viruses for instance: there it is tried for two seconds.
+    Windows refuses this while either is open in another program, such as a virus scanner; there it is tried for almost two seconds.
 
     Raises:
         OSError: as `os.replace`; PermissionError on Windows while the file is still open elsewhere.
@@ -62,12 +62,12 @@ def replace(source: str | os.PathLike[str], target: str | os.PathLike[str]) -> N
 
 
 def too_long(folder: str | os.PathLike[str], inside: int) -> bool:
-    """Whether a path of `inside` characters in `folder` is longer than this Windows takes; never on other systems."""
+    """Whether a path of `inside` characters within `folder` is longer than this Windows accepts; never on other systems."""
     return windows() and len(str(Path(folder).absolute())) + 1 + inside > LONGEST_PATH and not long_paths()
 
 
 def long_paths() -> bool:
-    """Whether Windows is set to take long paths (Python asks for them in its manifest)."""
+    """Whether long paths are enabled in Windows (Python declares in its manifest that it supports them)."""
     import winreg
 
     try:
@@ -78,8 +78,8 @@ def long_paths() -> bool:
 
 
 def alive(pid: int) -> bool:
-    """Whether there is a process of that number on this machine."""
-    if sys.platform == "win32":  # where os.kill would end it
+    """Whether there is a process with this number on this machine."""
+    if sys.platform == "win32":  # where os.kill would end the process
         import ctypes
 
         kernel, synchronize = ctypes.windll.kernel32, 0x100000
@@ -88,7 +88,7 @@ def alive(pid: int) -> bool:
             running = kernel.WaitForSingleObject(handle, 0) != 0
             kernel.CloseHandle(handle)
             return bool(running)
-        return kernel.GetLastError() == 5  # it is there, and another user's
+        return kernel.GetLastError() == 5  # access denied: it exists, and is another user's
     try:
         os.kill(pid, 0)
     except (ProcessLookupError, OverflowError):
@@ -99,7 +99,7 @@ def alive(pid: int) -> bool:
 
 
 def reader(stream: IO[str] | None, put: Callable[[str], Any]) -> threading.Thread:
-    """A thread that hands on the lines of a pipe and touches nothing else, as pipes cannot be polled on every system."""
+    """A thread that passes on the lines of a pipe and touches nothing else; it is needed because not every system can poll pipes."""
 
     def read() -> None:
         with contextlib.suppress(ValueError, OSError):  # the pipe was closed from this side
@@ -113,8 +113,8 @@ def reader(stream: IO[str] | None, put: Callable[[str], Any]) -> threading.Threa
 
 @contextlib.contextmanager
 def scratch() -> Iterator[Path]:
-    """A folder for this process alone, removed at the end. Those that killed processes have left behind go first."""
-    host = re.sub(r"[^A-Za-z0-9-]", "-", socket.gethostname())  # others may have the same folder for temporary files
+    """A folder for this process alone, removed at the end. Folders left behind by processes that were killed are removed first."""
+    host = re.sub(r"[^A-Za-z0-9-]", "-", socket.gethostname())  # other machines may use the same folder for temporary files
     for path in Path(tempfile.gettempdir()).iterdir():
         found = re.fullmatch(rf"seeing_wind_{host}_(\d+)_.*", path.name)
         if found and not alive(int(found[1])):

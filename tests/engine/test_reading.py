@@ -73,7 +73,7 @@ def test_what_is_sound_is_read(tmp_path: Path) -> None:
         (declaring("(1000000000,)", "'<U0'"), "declares"),
         (declaring("(8,)", "[('a', '<f8')]"), "not plain numbers"),
         (declaring("(" * 4000), "header is damaged"),
-        (b"garbage, and more of it", "no array"),
+        (b"garbage, and more of it", "not an array"),
         (b"", "empty"),
     ],
 )
@@ -147,7 +147,7 @@ def test_records_whose_arrays_contradict_each_other() -> None:
         ({"v0": np.zeros((3, 3))}, "v0 has the shape"),
         ({"stiffness": np.ones(4)}, "stiffness has the shape"),
         ({"F": np.full((4, 5, 3, 3), np.nan)}, "F holds numbers that are not finite"),
-        ({"residual": np.array(["a"] * 4)}, "residual holds no numbers"),
+        ({"residual": np.array(["a"] * 4)}, "residual does not hold numbers"),
     ):
         with pytest.raises(ValueError, match=says):
             check_record(recovery(**changes))

@@ -178,7 +178,7 @@ def test_a_value_that_is_not_what_was_written_is_a_take_error(key: str, text: st
 def test_an_archive_of_something_else_is_a_take_error(tmp_path: Path) -> None:
     with zipfile.ZipFile(tmp_path / "trajectory.npz", "w") as archive:
         archive.writestr("x", "no array")
-    with pytest.raises(TakeError, match="x: it is no array"):
+    with pytest.raises(TakeError, match="x: it is not an array"):
         Take(tmp_path).read_arrays("trajectory.npz")
 
 

@@ -200,7 +200,7 @@ def test_options_become_words(workplace):
         ("", "it is empty"),
         ("x = 3", "no \\[\\[job\\]\\]"),
         ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nrecover = { no_gravity = "yes" }', "no_gravity in recover of job 1 is 'yes'"),
-        ("[[job]", "no TOML"),
+        ("[[job]", "not valid TOML"),
         ('[[job]]\nclip = "clip.mp4"', "no take"),
         ('[[job]]\ntake = "t"', "neither a clip nor"),
         ('[[job]]\ntake = "t"\nclip = "none.mp4"', "no file"),

@@ -39,7 +39,7 @@ class ForceField(ABC):
     """The name in the file by which the class is found again."""
 
     kind = "force"
-    """force: the values are force densities [N/m³]. wind: they are velocities of the air [m/s]; read so what this class says of forces."""
+    """force: the values are force densities [N/m³]. wind: they are velocities of the air [m/s], wherever this class says force."""
 
     confidence: ConfidenceMap | None = None
     """Where the field can be trusted; None: everywhere."""

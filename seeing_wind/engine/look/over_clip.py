@@ -83,7 +83,7 @@ class _Equations:
     weights: sparse.csr_matrix
     """(P, G)."""
     colour: np.ndarray
-    """(P, 3) the frame less the visible background and less the constant 0.5 to which the harmonics are added."""
+    """(P, 3) the frame less the visible background and the blended constant 0.5, to which the harmonics are added."""
     harmonics: np.ndarray
     """(BANDS, G)."""
 

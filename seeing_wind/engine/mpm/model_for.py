@@ -128,7 +128,7 @@ def _softer(part: Part, youngs_modulus: float, needed: int, allowed: int) -> str
         f"frame; {allowed} are allowed). "
     )
     if not np.any(body.pinned):
-        return note + "Nothing holds it, so it moves nearly as the real one does: nothing need be done, unless it is seen to bend."
+        return note + "Nothing holds it, so it moves nearly as the real one does: nothing need be done, unless it visibly bends."
     return note + (
         f"It is held, so the forces that bend it are in proportion: about {in_figures(1.0 / softer, 2)} of the real ones if they are "
         f"recovered, while in an edit it bends {in_figures(softer, 2)} times as far. Fewer particles allow more stiffness; what need not "

@@ -1,15 +1,15 @@
-"""One frozen dataclass of settings per stage, and for each of their options one definition.
+"""One frozen dataclass of settings per stage, and one definition for each of its options.
 
-    observe.py, build.py, recover.py   the stages, the reports of the last among them
-    wind.py      a recovered force, or the wind that makes it
+    observe.py, build.py, recover.py   the stages; recover.py also has the report
+    wind.py      whether a force is recovered, or the wind that causes it
     edit.py      what is re-simulated: bodies, colliders
-    option.py    what an option is: help, unit, range, choices, flag; how it is checked, read from a word and written as one
-    mapping.py   settings from plain mappings, and as such
+    option.py    the definition of an option: help, unit, range, choices, flag; how a value is checked, read from words and written as words
+    mapping.py   settings from plain mappings, and back
     toml.py      plain mappings as TOML
-    tables.py    the files that a user writes in TOML: edits, and the lists in others; needs NumPy
+    tables.py    the files that a user writes in TOML: edits, and lists of tables in other files; needs NumPy
 
-The command line, the panel's properties, the words that the panel gives the worker, docs/reference/cli.md and the errors come from the
-options.
+The command line, the panel's properties, the words that the panel passes to the worker, docs/reference/cli.md and error texts are all
+derived from the options.
 """
 
 from .build import FLOWING_PARTICLES, PARTICLES, SHEET_VERTICES, BuildSettings

@@ -13,11 +13,11 @@ MADE = "what it is made of"
 BODY = "how its body is built"
 
 SHEET_VERTICES = 350
-"""Of a thin sheet: on a flag of 0.6 m by 0.4 m they are 3 cm apart."""
+"""Vertices of a thin sheet: on a flag of 0.6 m by 0.4 m they are 3 cm apart."""
 
 PARTICLES, FLOWING_PARTICLES = 600, 1800
-"""How many particles stand for a body. Near its yield stress, one that flows answers a load that is 4 % too small with 15 % less flow: a
-ball of 600 particles asked for forces 17 % off, one of 1800 for 8 %."""
+"""Particles of a body, and of one that flows. Near its yield stress a body flows 15 % less under a load that is 4 % too small: with a ball
+of 600 particles the recovered forces were 17 % off, with 1800 particles 8 %."""
 
 LAW_TEXTS = dict(zip(LAWS, (
     "springs back, even from large strains", "springs back from small strains; for stiff things", "keeps dents whatever the speed",
@@ -33,10 +33,10 @@ FORM_TEXTS = {
 
 
 def material_options(panel: str) -> dict[str, Any]:
-    """The numbers of a material that may be replaced, by name: the same for the object of a clip and for a body of an edit.
+    """Options for the numbers of a material, by name: the same for the object of a clip and for a body of an edit.
 
     Args:
-        panel: as of `Option`, of those that are there only for laws other than the usual.
+        panel: `Option.panel` of the less usual ones: the law, Poisson's ratio, and the numbers of plastic laws.
     """
     shared = {"group": MADE, "otherwise": "the material's"}
     return {
@@ -79,7 +79,7 @@ class BuildSettings:
     yield_stress: float | None = OF_THE_OBJECT["yield_stress"]
     viscosity: float | None = OF_THE_OBJECT["viscosity"]
     estimated_material: str | None = None
-    """What a vision-language model calls the material, if the numbers above are its own; `estimated_by` names object and model."""
+    """Name of the material by a vision-language model, if the numbers above come from it; `estimated_by` names the object and the model."""
     estimated_by: str | None = None
     form: str = option(
         "auto", label="Built As", help="what kind of body it is built as", group=BODY, panel="main", choices=FORM_TEXTS,
@@ -101,10 +101,10 @@ class BuildSettings:
 
 
 def material_of(settings: BuildSettings) -> Material:
-    """What the body is made of.
+    """The material of the body.
 
     Raises:
-        MaterialError: an unknown material or numbers that are not physical.
+        MaterialError: an unknown material, or numbers that are not physical.
     """
     material = adjust(
         find(settings.material),
@@ -121,7 +121,7 @@ def material_of(settings: BuildSettings) -> Material:
 
 
 def may_be_sheet(settings: BuildSettings) -> bool:
-    """Whether a thin sheet is made of an object that is large enough, or asked for. Raises MaterialError as `material_of`."""
+    """Whether the body may become a thin sheet: if asked for, or by its material if the object is large enough. Raises as `material_of`."""
     if settings.form != "auto":
         return settings.form == "sheet"
     known = SHEETS.get(find(settings.material).name)

@@ -1,4 +1,4 @@
-"""Settings of the stage *resimulate*: bodies, colliders, and the field they move in. The keys of edit.toml."""
+"""Settings of the stage *resimulate*, which are the keys of edit.toml: bodies, colliders, and the field that the bodies move in."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ class BodyEdit:
 
 @dataclass(frozen=True)
 class ColliderEdit:
-    """Something in the way of the bodies that they do not move: a mesh or a plane."""
+    """A collider, which the bodies run into and do not move: a mesh or a plane."""
 
     name: str = option(help="name of the collider, in messages", panel="")
     mesh: str | None = option(None, help="a closed OBJ, PLY or NPZ; bodies stay outside", file=True, panel="")
@@ -135,12 +135,13 @@ class Edit:
         help="NPY (T,4,4) of the field's place in every frame: matrices from its own coordinates (m) to the world's",
     )  # fmt: skip
     fade: float | None = option(
-        None, unit="m", above=0.0, panel="", metavar="M", otherwise="whole in its box, and beside it as at the box's edge",
-        help="how far from the clip's object, where that is in a frame, the field fades to nothing, and once more how far beside its box",
+        None, unit="m", above=0.0, panel="", metavar="M", otherwise="no fading; outside the box, the value at its edge",
+        help="distance from the clip's object, at its place in each frame, over which the field fades to nothing; outside its box it also "
+        "fades over the same distance from the box",
     )  # fmt: skip
     falloff: tuple[float, float] | None = option(
-        None, help="a (m) and p in place of a fade: (a / (a + d)) ** p of the field is left at a distance d from its box", panel="",
-        otherwise="it does not weaken",
+        None, help="a (m) and p, instead of a fade: (a / (a + d)) ** p of the field is left at a distance d from its box", panel="",
+        otherwise="the field does not weaken",
     )  # fmt: skip
     forces: str | None = option(
         None, otherwise="none", file=True, panel="",

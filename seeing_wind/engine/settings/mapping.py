@@ -1,4 +1,4 @@
-"""Settings from plain mappings, such as a table of TOML, and back. Unknown keys are refused: no typing error runs with a default."""
+"""Settings from plain mappings, such as a table of TOML, and back. Unknown keys are refused, so that a misspelt one is noticed."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from .option import KINDS, options_of
 T = TypeVar("T")
 
 LONGEST = 60
-"""Characters of a value that are shown."""
+"""Characters of a value that are shown, at most."""
 
 
 def from_mapping(cls: type[T], values: dict[str, Any], where: str) -> T:
     """Build the dataclass `cls` from a plain mapping (TOML, JSON, argparse), lists turned into tuples.
 
     Raises:
-        UsageError: for a key that `cls` does not have or one that it needs, or a value of another kind, out of its range or none of its
-            choices; `where` names the source in the message.
+        UsageError: for a key that `cls` does not have, a required key that is missing, or a value that has another type, is out of range
+            or not among the choices; `where` names the source in the message.
     """
     fields = {field.name: field for field in dataclasses.fields(cls)}  # type: ignore[arg-type]
     unknown = sorted(set(values) - set(fields))
@@ -43,7 +43,7 @@ def from_mapping(cls: type[T], values: dict[str, Any], where: str) -> T:
 
 
 def _fits(value: Any, hint: Any) -> bool:
-    """Whether a plain value may stand where the dataclass says `hint`: a list for a tuple, a whole number for a float."""
+    """Whether a plain value fits the type `hint` of the dataclass; a list fits a tuple, a whole number a float."""
     if get_origin(hint) is tuple:
         kinds = get_args(hint)
         if not isinstance(value, (list, tuple)):
@@ -61,7 +61,7 @@ def _fits(value: Any, hint: Any) -> bool:
 
 
 def _shown(value: Any) -> str:
-    """A value for a message; of a long list its beginning and how long it is."""
+    """A value for a message; of a long list, its beginning and its length."""
     text = repr(value)
     if len(text) <= LONGEST or not isinstance(value, (list, tuple)):
         return text
@@ -69,7 +69,7 @@ def _shown(value: Any) -> str:
 
 
 def _kind(hint: Any) -> str:
-    """What `_fits` wants, in words."""
+    """The values that `_fits` accepts, in words."""
     if get_origin(hint) is tuple:
         kinds = get_args(hint)
         count = "a list" if kinds[-1] is Ellipsis else f"a list of {len(kinds)}"
@@ -80,7 +80,7 @@ def _kind(hint: Any) -> str:
 
 
 def to_mapping(settings: Any) -> dict[str, Any]:
-    """The settings as plain values, None left out (TOML has no null)."""
+    """The settings as plain values, without those that are None (TOML has no null)."""
     return {
         name: list(value) if isinstance(value, tuple) else value
         for name, value in dataclasses.asdict(settings).items()

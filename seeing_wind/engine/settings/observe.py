@@ -11,7 +11,7 @@ from .recover import seed_option
 SEEN = "what is seen"
 NETWORKS = "networks instead of the defaults"
 VIEW = "a further synchronised view of the same object: its clip, camera and mask"
-"""Of an option that is no setting but may be given several times."""
+"""Help of the option --view, which is not a setting, because it may be given several times."""
 
 
 def _network(help: str, metavar: str = "MODEL") -> str | None:
@@ -84,11 +84,11 @@ class ObserveSettings:
         None, label="Held Places", help="PNG of the first frame, non-zero where the object is held in place", metavar="PNG", group=SEEN,
         file=True, panel="main",
     )  # fmt: skip
-    depth_model: str | None = _network("metric depth: Depth Anything V2, Depth Pro, UniDepth V2; a distance given too scales it")
+    depth_model: str | None = _network("metric depth: Depth Anything V2, Depth Pro, UniDepth V2; scaled to the distance if one is given")
     prompt: str | None = _network("what the object is, in words, for --detector-model", "TEXT")
     detector_model: str | None = _network("a box from words: Grounding DINO")
     mask_model: str | None = _network("the object's outline, followed through the clip: SAM 2")
     track_model: str | None = _network("point tracks: CoTracker 3")
     seed: int = seed_option()
     recognise: bool = False
-    """Find points again that folds have hidden, which a sheet needs, and only a sheet."""
+    """Whether to find points again that folds have hidden; only a sheet needs this."""

@@ -1,8 +1,8 @@
-"""An option: the one place that says what a setting is called, what it means, and which values it may have.
+"""An option: the one place that defines a setting's name, its meaning, and the values that it may have.
 
-A field of a settings dataclass becomes an option by `name: type = option(default, help=..., ...)`. From that come the flag of the command
-line (`command.arguments`), the property of the panel (`ui.option_properties`), the words that the panel gives the worker (`words_of`), the
-reference (`scripts/cli_reference.py`), and the texts of errors.
+A field of a settings dataclass becomes an option by `name: type = option(default, help=..., ...)`. From this are derived the flag of the
+command line (`command.arguments`), the property of the panel (`ui.option_properties`), the words that the panel passes to the worker
+(`words_of`), the reference (`scripts/cli_reference.py`), and error texts.
 """
 
 from __future__ import annotations
@@ -16,35 +16,35 @@ from typing import Any, get_args, get_origin, get_type_hints
 from ..errors import UsageError
 
 KEY = "option"
-"""Of a dataclass field's metadata."""
+"""Key of the `Option` in a dataclass field's metadata."""
 
 
 @dataclass(frozen=True)
 class Form:
-    """How a value is written as words, where it is not simply one word for each number."""
+    """How a value is written as words of a command line, if it is not simply one word per number."""
 
     read: Callable[[str], Any]
-    """One word -> its part of the value. Raises ValueError for a word that is none."""
+    """One word -> its part of the value. Raises ValueError for an invalid word."""
     write: Callable[[Any], list[str]]
     """A value -> its words."""
     must: str
-    """What follows "must" in the error."""
+    """The words after "must" in the error text."""
     many: bool = False
-    """The value is the parts of all words in a row; otherwise there is one word."""
+    """Whether there may be several words, whose parts together are the value; otherwise there is one word."""
 
 
 @dataclass(frozen=True)
 class Option:
-    """A field's definition. What it says of the field itself (name, default, kind, count, optional) is filled in by `options_of`."""
+    """The definition of an option. `options_of` fills in what follows from the field itself: name, default, kind, count, optional."""
 
     help: str
-    """What it is, as the rest of a sentence: the command line's help, and with a capital the panel's tooltip."""
+    """What the option is, without capital and full stop: the command line's help, and with a capital the panel's tooltip."""
     tooltip: str = ""
-    """The same for the panel alone, where the help speaks of other flags."""
+    """Replaces the help in the panel, where the help mentions other flags."""
     label: str = ""
-    """In the panel; by default from the name."""
+    """Name in the panel; by default from the field's name."""
     flag: str = ""
-    """On the command line; by default from the name."""
+    """Flag of the command line; by default from the field's name."""
     unit: str = ""
     minimum: float | None = None
     maximum: float | None = None
@@ -53,54 +53,54 @@ class Option:
     below: float | None = None
     """Excluded upper bound."""
     choices: Mapping[str, str] = field(default_factory=dict)
-    """Value -> what it means."""
+    """Value -> its meaning."""
     titles: Mapping[str, str] = field(default_factory=dict)
-    """Choice -> what the panel calls it, where that is not as it is written."""
+    """Value -> its name in the panel, where that differs from the value."""
     metavar: str | tuple[str, ...] | None = None
     form: Form | None = None
     group: str = ""
-    """Title of the command line's group."""
+    """Title of its group on the command line."""
     one_of: str = ""
-    """Of the options that share this word at most one may be given. The panel has a mode to choose among them."""
+    """At most one of the options that share this word may be given. The panel has a mode to choose among them."""
     file: bool = False
-    """The path of a file."""
+    """Whether the value is the path of a file."""
     folder: bool = False
-    """The path of a folder."""
+    """Whether the value is the path of a folder."""
     otherwise: str = ""
-    """What holds where it is None."""
+    """What applies when the value is None."""
     panel: str = "more"
-    """Where the panel has its property: "more", the closed part that is drawn from the options; "main", drawn by hand; "" for none."""
+    """Where the panel shows the property: "more", the closed part that is drawn from the options; "main", drawn by hand; "" for nowhere."""
     identifier: str = ""
-    """Of that property; by default the name."""
+    """Identifier of the property; by default the field's name."""
     start: Any = None
-    """The property's first value, where the default is None."""
+    """The property's first value, if the default is None."""
     unset: float | None = None
-    """The property's value that stands for None; without it an optional number has a tick before it."""
+    """The property's value that stands for None; without it, an optional number has a check box before it."""
     typical: tuple[float | None, float | None] = (None, None)
-    """What dragging the property stays within."""
+    """Limits for dragging the property."""
     digits: int = 2
     """Decimals that the property shows."""
     name: str = ""
     default: Any = None
     kind: type = str
     count: int | None = None
-    """Numbers of a tuple, 0 for any; None for a single value."""
+    """Length of a tuple, 0 for any length; None for a single value."""
     optional: bool = False
 
     def check(self, value: Any, called: str) -> None:
-        """Refuse a value, or one item of a tuple, that is out of range or none of the choices; `called` is its name in the message.
+        """Refuse a value, or one item of a tuple, that is out of range or not among the choices; `called` is its name in the message.
 
         Raises:
-            UsageError: with what it must be.
+            UsageError: saying what the value must be.
         """
         if (self.choices and value not in self.choices) or (isinstance(value, (int, float)) and not self._within(value)):
             raise self._wrong(called, self.must(), value)
 
     def read(self, text: str) -> Any:
-        """The value, or part of one, that a word of the command line says.
+        """The value, or part of one, from a word of the command line.
 
         Raises:
-            UsageError: for a word that is none.
+            UsageError: for an invalid word.
         """
         called = f"`{self.flag}`"
         try:
@@ -108,19 +108,19 @@ class Option:
         except ValueError:
             raise self._wrong(called, self.form.must if self.form else f"be {KINDS[self.kind]}", text) from None
         if (self.file or self.folder) and not text.strip():
-            raise UsageError(f"{called}: '{text}' is no path.", self.sentence())
+            raise UsageError(f"{called}: '{text}' is not a path.", self.sentence())
         if self.form is None:
             self.check(value, called)
         return value
 
     def words(self, value: Any) -> list[str]:
-        """The words that `read` makes this value of."""
+        """The words from which `read` makes this value."""
         if self.form is not None:
             return self.form.write(value)
         return [number_text(each) if self.kind is float else str(each) for each in (value if self.count is not None else [value])]
 
     def must(self) -> str:
-        """What follows "must" in an error: the choices, or the range with its unit."""
+        """The words after "must" in an error text: the choices, or the range with its unit."""
         if self.choices:
             return f"be {' or '.join(self.choices)}"
         bounds = self._bounds()
@@ -128,7 +128,7 @@ class Option:
         return f"be {bounds or 'finite'}{f' {unit}' if bounds and unit else ''}"
 
     def summary(self, default: Any, said: str = "") -> str:
-        """Help, unit, choices, range and default in one line; `said` is how the default is said, if not as itself."""
+        """Help, unit, choices, range and default in one line; `said` replaces the text of the default."""
         said = said or (self.otherwise if default is None else "" if default == 0 else " ".join(self.words(default)))
         choices = "".join(f"; {name}: {meaning}" for name, meaning in self.choices.items())
         bounded = self.maximum is not None or self.below is not None
@@ -136,7 +136,7 @@ class Option:
         return f"{self.help}{f' [{self.unit}]' if self.unit else ''}{choices}{f' ({more})' if more else ''}"
 
     def sentence(self) -> str:
-        """The help as a sentence; "" without."""
+        """The help as a sentence; "" if there is none."""
         return f"{self.help[:1].upper()}{self.help[1:]}." if self.help else ""
 
     def _bounds(self) -> str:
@@ -154,13 +154,13 @@ class Option:
 
 
 LONGEST_NUMBER = 40
-"""Characters of a number that is still shown."""
+"""Characters of a number that are shown, at most."""
 KINDS = {float: "a finite number", int: "a whole number", bool: "true or false", str: "a text in quotes"}
-"""What a value must be, in words."""
+"""The type that a value must have, in words."""
 
 
 def option(default: Any = dataclasses.MISSING, **definition: Any) -> Any:
-    """A dataclass field with an `Option`; `definition` is the latter's fields, `help` among them. Without a default it is required."""
+    """A dataclass field with an `Option`; `definition` has the fields of that, `help` among them. Without a default it is required."""
     return dataclasses.field(default=default, metadata={KEY: definition})
 
 
@@ -168,7 +168,7 @@ _known: dict[type, dict[str, Option]] = {}
 
 
 def options_of(cls: type) -> dict[str, Option]:
-    """The options of a settings dataclass by name, in its order. Fields without one are set by the engine itself."""
+    """The options of a settings dataclass by name, in the order of its fields. Fields that are not options are set by the engine itself."""
     if cls not in _known:
         _known[cls] = _read(cls)
     return _known[cls]
@@ -189,7 +189,7 @@ def _read(cls: type) -> dict[str, Option]:
 
 
 def _shape(hint: Any) -> tuple[type, int | None, bool]:
-    """Kind, count and optional of `Option`, from a field's type."""
+    """`kind`, `count` and `optional` of an `Option`, from its field's type."""
     kinds = [kind for kind in get_args(hint) if kind is not type(None)]
     if get_origin(hint) is tuple:
         return kinds[0], (0 if kinds[-1] is Ellipsis else len(kinds)), False
@@ -200,7 +200,7 @@ def _shape(hint: Any) -> tuple[type, int | None, bool]:
 
 
 def words_of(*settings: Any) -> list[str]:
-    """The words of a command line that make these settings: of what is not at its default, flags that several share once."""
+    """The words of a command line for these settings: what is not at its default. A flag that several settings share is given once."""
     words: dict[str, list[str]] = {}
     for each in settings:
         for name, one in options_of(type(each)).items():
@@ -210,13 +210,13 @@ def words_of(*settings: Any) -> list[str]:
 
 
 def number_text(value: float) -> str:
-    """A number as a person would type it: 20, not 20.0, and every digit of others but of those that fill a line."""
+    """A number as a person would type it: 20, not 20.0, with all its digits, unless these would fill a line."""
     text = repr(value).removesuffix(".0")
     return text if len(text) <= LONGEST_NUMBER else f"a number of {len(text)} digits"
 
 
 def frame_range(text: str) -> tuple[int, int]:
-    """'A:B' -> (A, B), both inclusive. Raises ValueError where that is no two frames in order."""
+    """'A:B' -> (A, B), both inclusive. Raises ValueError if these are not two frames in order."""
     first, last = (int(part) for part in text.split(":"))
     if first < 0 or last <= first:
         raise ValueError(text)

@@ -1,4 +1,4 @@
-"""Settings of the stages *recover* and *report*: from targets to a force field, and what is drawn of it."""
+"""Settings of the stages *recover* and *report*: from targets to a force field, and the report on it."""
 
 from __future__ import annotations
 
@@ -26,32 +26,33 @@ class RecoverSettings:
         minimum=-1e4, maximum=1e4, group=SOLVE, one_of="gravity", panel="main", typical=(-20.0, 20.0),
     )  # fmt: skip
     clamp_depth: float = 0.0
-    """Where a held part begins to be held: so many grid cells (1.6 particle spacings each) below the border of what is marked as held."""
+    """Clamp depth: how many grid cells (1.6 particle spacings each) below the border of the part marked as held the clamp begins."""
     stiffness: str = option(
         "free", label="Stiffness Found", help="whether the stiffness of a held body is known", group=SOLVE,
         choices={"free": "it is found with the force, where the motion shows it", "given": "it is the material's"},
     )  # fmt: skip
     body: str | None = option(
         None, label="Same Body As", metavar="DIR", group=SOLVE, folder=True,
-        help="take of another recovery of the same held body, to begin with the stiffness and the clamp that were found there",
+        help="take of another recovery of the same held body, to begin with the stiffness and the clamp found there",
     )  # fmt: skip
     still: tuple[int, int] | None = option(
         None, label="Still Air", minimum=0, metavar="A:B", form=RANGE, group=SOLVE, otherwise="none", start=(0, 20),
-        help="first and last frame, counted from 0 in the file, of a time in which the air is still: no force is looked for in it, and how "
-        "the body swings by itself shows its stiffness",
+        help="first and last frame, counted from 0 in the file, of a time in which the air is still: no force is looked for in it, and the "
+        "free swing of the body shows its stiffness",
     )  # fmt: skip
     ringing: str = option(
-        "found", label="Ringing", help="whether a time in which a held body swings by itself, and dies away, is still air", group=SOLVE,
+        "found", label="Ringing", group=SOLVE,
+        help="whether a time in which a held body swings freely, until its swing dies away, counts as still air",
         choices={
-            "found": "where its weight is borne or left out, and --still says nothing, no force is looked for in it",
+            "found": "no force is looked for in it, if the body's weight is borne or left out and --still is not given",
             "ignored": "a force is looked for in it, as everywhere",
         },
     )  # fmt: skip
     representation: str = option(
-        "causal_triplane", help="how the field is kept", group=COMPARED, panel="",
+        "causal_triplane", help="how the field is stored", group=COMPARED, panel="",
         choices={
             "causal_triplane": "the paper's causal tri-plane", "kplanes": "K-Planes, over space and time",
-            "point": "a vector per particle and frame, and no field between them",
+            "point": "a vector per particle and frame, without a field between them",
         },
     )  # fmt: skip
     iterations: int = option(
@@ -74,8 +75,8 @@ class RecoverSettings:
     )
     refine: int = option(
         0, minimum=0, maximum=10_000, metavar="N", group=SOLVE, typical=(None, 50),
-        help="most steps by which the stored field is refined through the simulator, so that its own simulation strays less; 0 for none, "
-        "as refining takes longer than the solve",
+        help="steps, at most, that refine the stored field through the simulator, so that a simulation in it strays less from the clip; "
+        "0 for none, as refining takes longer than the solve",
     )  # fmt: skip
     seed: int = seed_option()
 

@@ -13,17 +13,17 @@ from .mapping import from_mapping
 from .option import options_of
 
 LONGEST_NAME = 200
-"""Bytes of a body's name: most file systems end at 255, and the file has an ending and a neighbour while it is written."""
+"""Bytes of a body's name, at most: most file systems allow 255, and the file has an ending, and a longer name while it is written."""
 
 RESERVED = frozenset(["CON", "PRN", "AUX", "NUL", *(f"{port}{number}" for port in ("COM", "LPT") for number in range(10))])
-"""Names that Windows keeps for devices."""
+"""Names that Windows reserves for devices."""
 
 
 def read_users_toml(path: str | os.PathLike[str], what: str) -> dict[str, Any]:
-    """The values of a TOML file; `what` says in messages what it is.
+    """The values of a TOML file; `what` names it in messages.
 
     Raises:
-        UsageError: no such file, or no TOML.
+        UsageError: the file does not exist, or is not TOML.
     """
     try:
         return read_toml(path)
@@ -32,11 +32,11 @@ def read_users_toml(path: str | os.PathLike[str], what: str) -> dict[str, Any]:
     except EmptyFile as error:
         raise UsageError(f"{what} {path} cannot be read: {error}.", "Write it, or give the path of another TOML file.") from error
     except ValueError as error:
-        raise UsageError(f"{what} {path} is no TOML: {error}.", "Mend that line.") from error
+        raise UsageError(f"{what} {path} is not valid TOML: {error}.", "Correct that line.") from error
 
 
 def tables_of(values: dict[str, Any], key: str, where: str, hint: str, least: int = 1) -> list[dict[str, Any]]:
-    """The list of tables `[[key]]`, taken out of the values of a file. Raises UsageError where there is none, or something else."""
+    """Take the list of tables `[[key]]` out of the values of a file. Raises UsageError if there is none, or something else in its place."""
     tables = values.pop(key, [])
     if not isinstance(tables, list) or len(tables) < least or not all(isinstance(table, dict) for table in tables):
         raise UsageError(f"{where} has no [[{key}]], or something else in its place.", hint)
@@ -47,7 +47,8 @@ def read_edit(path: str | os.PathLike[str]) -> Edit:
     """Read EDIT.toml.
 
     Raises:
-        UsageError: no such file, no TOML, an unknown or missing key, a value out of its range, two bodies of one name, or none at all.
+        UsageError: a file that does not exist or is not TOML, an unknown or missing key, a value out of its range, two bodies with the
+            same name, or no body.
     """
     values, where = read_users_toml(path, "The edit"), f"The edit {path}"
     tables = tables_of(values, "body", where, "Add [[body]] with a name and a mesh.")
@@ -59,7 +60,7 @@ def read_edit(path: str | os.PathLike[str]) -> Edit:
 
 
 def names_in(edit: Path | None) -> list[str]:
-    """The files that an edit names, as it names them; none of an edit that cannot be read: the engine speaks of it when its turn comes."""
+    """The paths of files in an edit, as written there; none if the edit cannot be read, which the engine reports when it reads it."""
     try:
         tables = read_toml(edit) if edit is not None else {}
     except (OSError, ValueError):
@@ -70,11 +71,11 @@ def names_in(edit: Path | None) -> list[str]:
 
 
 def _check_names(names: list[str]) -> None:
-    """UsageError unless each body can have a file of its own, on every system, before any of them is simulated."""
+    """UsageError unless each body's name can be that of its own file, on every system; checked before any body is simulated."""
     for name in names:
         if not name.isprintable() or any(c in name for c in '/\\:*?"<>|') or name[:1] in ("", ".") or name[-1] in " .":
             raise UsageError(f"{name!r} cannot be a file's name.", "Use letters, digits, spaces, '-' and '_'.")
         if len(name.encode()) > LONGEST_NAME or name.split(".")[0].upper() in RESERVED:
             raise UsageError(f"{name[:40]!r} is too long for a file's name, or reserved.", "Choose another name for the body.")
         if [one.casefold() for one in names].count(name.casefold()) > 1:
-            raise UsageError(f"Two bodies are named {name}.", "Give each a name of its own; capitals do not count.")
+            raise UsageError(f"Two bodies are named {name}.", "Give each its own name; upper and lower case count as the same.")

@@ -1,4 +1,4 @@
-"""Plain mappings as TOML, which the standard library reads and does not write."""
+"""Plain mappings as TOML, which the standard library can read but not write."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def _toml_blocks(values: dict[str, Any], header: str, path: tuple[str, ...]) -> 
                 nested += _toml_blocks(item, f"[[{'.'.join(inner)}]]", inner)
         else:
             lines.append(f"{inner[-1]} = {_toml_value(value)}")
-    # a table without values of its own needs no header, unless it is empty or one of a list
+    # a table without its own values needs no header, unless it is empty or an item of a list
     if header and (lines or not nested or header.startswith("[[")):
         lines.insert(0, header)
     return (["\n".join(lines)] if lines else []) + nested

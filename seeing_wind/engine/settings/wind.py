@@ -1,4 +1,4 @@
-"""Settings of the stage *wind*: how a recovered force is read."""
+"""Settings of the stage *wind*: how a recovered force is interpreted."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from .recover import SOLVE
 
 @dataclass(frozen=True)
 class WindSettings:
-    """A body force, or a wind that makes it."""
+    """Whether the result is a body force, or the wind that causes it."""
 
     field: str | None = option(
         None, help="how the recovered force is read", group=SOLVE, panel="main", titles={"wind": "Wind Velocity", "auto": "Automatic"},

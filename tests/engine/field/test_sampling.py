@@ -95,7 +95,7 @@ def test_formats_that_cannot_be_written(known_wind, tmp_path):
     with pytest.raises(UsageError, match="OpenVDB"):
         export_field(known_wind, "vdb", tmp_path / "x")
     assert not (tmp_path / "x").exists()
-    with pytest.raises(UsageError, match="no file's name"):
+    with pytest.raises(UsageError, match="not a file's name"):
         export_field(known_wind, "npz", ".")
 
 

@@ -199,7 +199,7 @@ def test_gradients_through_contact_match_finite_differences(law):
         (lambda: Plane((0, 0, 0), (0, 0, 1), friction=-0.1), "friction"),
         (lambda: Plane((0, 0, 0), (0, 0, 1), friction=np.inf), "friction"),
         (lambda: MeshCollider(np.eye(3), np.array([[0, 1, 2]])), "open"),
-        (lambda: MeshCollider(np.eye(3), np.array([[0, 1, 3]])), "names a vertex"),
+        (lambda: MeshCollider(np.eye(3), np.array([[0, 1, 3]])), "refers to a vertex"),
         (lambda: MeshCollider(np.full((3, 3), np.nan), np.array([[0, 1, 2]])), "not finite"),
         (lambda: MeshCollider(np.zeros((0, 3)), np.zeros((0, 3), int)), "shape"),
         (lambda: MeshCollider(np.eye(3), np.array([[0, 1, 2], [0, 2, 1]])), "no volume"),

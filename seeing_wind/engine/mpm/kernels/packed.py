@@ -7,8 +7,8 @@ The state of a particle is stored in vectors of four numbers, one for each axis 
     nodes        momentum or velocity, and mass                     one vector
 
 so that what is added to a node, S + i X + j Y + k Z, and the moments that are gathered are such vectors from the start. They stay in the
-processor's SIMD vectors from the load to the store (`settings.native_vectors`; there, augmented assignment to a vector in an array would
-be an atomic operation, which Taichi cannot compile). Indices are `bounded`. All functions are generic in precision.
+processor's SIMD vectors from the load to the store (`settings.native_vectors`; augmented assignment to such a vector is an atomic
+operation, which Taichi cannot compile). Indices are `bounded`. All functions are generic in precision.
 """
 # The compiler reads the annotations of functions at run time: they are values, which mypy cannot check and `annotations` may not postpone.
 # mypy: ignore-errors

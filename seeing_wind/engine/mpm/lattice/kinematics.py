@@ -29,7 +29,7 @@ _CLAMP_LAG = 0.25
 """Cells that pins may move relative to the lattice before the clamped nodes are determined again."""
 _LIFT_LAG = 0.02
 """Cells that a collider may move before the lattice follows. It is small because contact only removes velocity into the collider and never
-pushes out, so what rests on it sinks as far as where the held nodes lie deepest."""
+pushes out: what rests on a collider that moves across the lattice sinks to the level at which the held nodes lie deepest."""
 _WALL_LAG = 0.5
 """Cells that a collider may move before it is sampled again, but see `_MOST_WALLS`."""
 _MOST_WALLS = 16

@@ -202,7 +202,7 @@ def _newton(equations: _Equations, x: np.ndarray) -> tuple[np.ndarray, Effort]:
             factors = None
         stress = None
     if moved > STRAY * edge:
-        raise SimulationError(f"{TOO_WILD}: its forces find no equilibrium within a substep.", CALMER, quantity="position")
+        raise SimulationError(f"{TOO_WILD}: no equilibrium of its forces is found within a substep.", CALMER, quantity="position")
     return equations.match_momentum(x, r), Effort(MOST, inner)
 
 

@@ -55,7 +55,7 @@ def test_too_few_iterations_are_said(make):
 def test_a_substep_whose_equations_are_not_solved_is_halved_or_refused(make, monkeypatch):
     shell, gravity, substeps = hanging(make), np.array([0.0, 0.0, -9.81]), 7
     start = at_rest(shell, acceleration=np.broadcast_to(gravity, shell.surface.x.shape), dt=1.0 / 24.0 / substeps)
-    solved, seen = system.Matrix.solved, []
+    solved, seen = system.Matrix.solve, []
 
     def frame():
         return advance_frame(shell, start, frame=0, fps=24.0, substeps=substeps, gravity=gravity)
@@ -65,13 +65,13 @@ def test_a_substep_whose_equations_are_not_solved_is_halved_or_refused(make, mon
         return solved(self, right, factors, tolerance, 1 if len(seen) == 1 else most)
 
     expected = frame().x
-    monkeypatch.setattr(system.Matrix, "solved", lambda *given: solved(*given[:4], 1))
+    monkeypatch.setattr(system.Matrix, "solve", lambda *given: solved(*given[:4], 1))
     with pytest.raises(SimulationError, match="after 1 iterations"):
         advance(shell, start, dt=0.006, gravity=gravity)
     with pytest.raises(SimulationError, match="after 1 iterations"):
         frame()
     lengths, whole = [], room.equations_of
     monkeypatch.setattr(room, "equations_of", lambda shell, state, dt, *rest: lengths.append(dt) or whole(shell, state, dt, *rest))
-    monkeypatch.setattr(system.Matrix, "solved", once_unfinished)
+    monkeypatch.setattr(system.Matrix, "solve", once_unfinished)
     assert np.abs(frame().x - expected).max() < 0.01 * np.abs(expected - start.x).max()
     assert lengths[1:3] == [0.5 * lengths[0]] * 2 and len(lengths) == substeps + 2
