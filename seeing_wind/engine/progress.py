@@ -24,7 +24,7 @@ class Progress:
 
     Args:
         emit: receives one message (a dict that JSON can hold) per call, or None to be silent.
-        cancelled: asked at every safe point; True raises `Cancelled` there.
+        cancelled: called at every safe point; True raises `Cancelled` there.
     """
 
     def __init__(self, emit: Callable[[dict[str, Any]], None] | None = None, cancelled: Callable[[], bool] | None = None) -> None:

@@ -74,7 +74,7 @@ def _plain(text: str, kind: Any) -> Any:
     if isinstance(kind, type) and issubclass(kind, StrEnum):
         return kind(value)
     if not _fits(value, kind):
-        raise ValueError(f"{text[:40]} is not {getattr(kind, '__name__', kind)}")
+        raise ValueError(f"{text[:40]} is not of the type {getattr(kind, '__name__', kind)}")
     return tuple(value) if get_origin(kind) is tuple else value
 
 

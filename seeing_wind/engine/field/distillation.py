@@ -109,7 +109,7 @@ def distill(
 
 
 def _best(make: Callable[[], NeuralModule], samples: Samples, iterations: int, progress: Progress, journal: Journal) -> NeuralModule:
-    """A fitted module. Adam at full rates sometimes goes astray; the fit is then repeated at lower rates, and the better one is taken."""
+    """A fitted module. Adam at full rates sometimes fails; the fit is then repeated at lower rates, and the better one is taken."""
     first = make()
     if not samples.force.any():
         return first  # a new module has no force

@@ -138,7 +138,7 @@ def test_only_what_is_near_is_sampled():
 
 
 @pytest.mark.parametrize(("path", "says"), [
-    (np.zeros((1, 8, 3)), "shape"), (np.zeros((4, 7, 3)), "shape"), (np.full((4, 8, 3), np.nan), "nowhere"),
+    (np.zeros((1, 8, 3)), "shape"), (np.zeros((4, 7, 3)), "shape"), (np.full((4, 8, 3), np.nan), "not finite, or leads too far"),
     (np.full((4, 8, 3), 1e9), "far"),
 ])  # fmt: skip
 def test_paths_that_lead_nowhere_are_refused(path, says):
