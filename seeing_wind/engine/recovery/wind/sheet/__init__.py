@@ -4,7 +4,7 @@
     tension.py    the hidden stress in the sheet           air.py       the loads that the field can be: air or a plain force
     problem.py    unknowns, errors, derivatives            estimate.py  the most probable field
     valley.py     the field's uncertainty                  stage.py     the stages *recover* and *wind* of a take
-    following.py  a simulation pulled towards what was seen
+    following.py  a simulation pulled towards seen points  attenuation.py  what errors of a filmed path do to the wind
 
 See docs/reference/wind.md.
 """

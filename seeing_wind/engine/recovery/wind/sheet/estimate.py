@@ -23,6 +23,7 @@ from ...solve.gauss_newton import Solution, solve
 from ..drag import area_normals
 from ..estimate import GUST, deviation_of, places_of
 from .air import Air, Cause, Push
+from .attenuation import reliability_of
 from .balance import balance_of
 from .following import Follower
 from .observed import Observed
@@ -46,6 +47,8 @@ ITERATIONS, ROUNDS = 8, 3
 """Most linearisations in each solve, and the number of solves; hyperparameters and errors are learnt between solves."""
 STEPS = 6
 """Most evaluations for each of the steady winds that are tried first."""
+UNSURE = 0.5
+"""Share of the correction for attenuation that counts as uncertain: the factor on the errors of positions is known to a power of two."""
 CHANGED = 1e-3
 """A solve has converged when its next step promises to lower the cost by less than this share."""
 
@@ -76,6 +79,8 @@ class SheetEstimate:
     converged: bool
     law: float
     """Error of the cause's law, relative to its force."""
+    reliability: float = 1.0
+    """Share of the mean square force on the path seen that is not due to the path's errors, see `attenuation`."""
 
     @property
     def uncertain(self) -> float:
@@ -166,6 +171,7 @@ def _run(
                 problem, prior, theta = _learn(problem, prior, theta, seen.x)
             else:
                 problem = _likeliest(problem, prior, theta, "noise", NOISES)
+                problem = replace(problem, reliability=reliability_of(problem, theta, seen))
         solution = journal.once(f"round {number}{name}", Solution, partial(_solved, problem, prior, theta, part))
         theta, used = solution.theta, used + solution.iterations
     assert solution is not None
@@ -262,7 +268,8 @@ def _estimate_from(runs: Sequence[_Run], follower: Follower) -> SheetEstimate:
     theta = posterior.theta
     fields = problem.fields(theta)
     path = follower.path(fields, problem.check)
-    deviation = deviation_of(posterior.covariance, problem.hats, problem.basis)
+    corrected = problem.reliability**-0.5 - 1.0  # forces grow with the square of the speed
+    deviation = np.hypot(deviation_of(posterior.covariance, problem.hats, problem.basis), UNSURE * corrected * np.abs(fields))
     force, slopes = _forces(follower, fields, path)
     force_deviation = np.sqrt(np.einsum("atvi,tva->tvi", slopes**2, deviation**2))
     missed, still = (float(np.linalg.norm(problem.residual(one))) for one in (theta, np.zeros_like(theta)))
@@ -279,6 +286,7 @@ def _estimate_from(runs: Sequence[_Run], follower: Follower) -> SheetEstimate:
         iterations=sum(one.iterations for one in runs),
         converged=best.solution.converged,
         law=problem.law,
+        reliability=problem.reliability,
     )
 
 

@@ -47,6 +47,8 @@ class SheetProblem:
     """Relative error of the cause's law that is contained in `factor`."""
     noise: float = 1.0
     """Factor on the stated errors of positions that is contained in `factor`."""
+    reliability: float = 1.0
+    """Factor on the cause's forces, which errors of the path make too large in the mean square: see `attenuation`."""
     check: Callable[[], None] = lambda: None
     """Called often; raises to cancel."""
 
@@ -67,17 +69,18 @@ class SheetProblem:
 
     def forces(self, theta: np.ndarray) -> np.ndarray:
         """Generalised forces (T-1, 3 Q) of the cause at theta (n,), weighted by the hats."""
-        return self._forces_at(self.balance.at, theta)
+        return self.reliability * self.forces_on(self.balance.at, theta)
 
     def interpolation_error(self, theta: np.ndarray, forces: np.ndarray) -> np.ndarray:
         """(T-1, 3 Q) standard deviation of the `forces` at theta (n,) due to the unknown motion between frames: the difference between two
         interpolations. It grows by a factor of hundreds where a sheet begins to flutter."""
-        off = self._forces_at(self.balance.catmull_rom, theta) - forces
+        off = self.reliability * self.forces_on(self.balance.catmull_rom, theta) - forces
         square = (off.reshape(len(off), -1, 3) ** 2).mean(axis=2)
         around = np.pad(square, ((1, 1), (0, 0)), mode="edge")
         return np.repeat(np.sqrt(0.25 * around[:-2] + 0.5 * square + 0.25 * around[2:]), 3, axis=1)
 
-    def _forces_at(self, moments: Moments, theta: np.ndarray) -> np.ndarray:
+    def forces_on(self, moments: Moments, theta: np.ndarray) -> np.ndarray:
+        """Those of a sheet that moves as in `moments`, without the factor `reliability`."""
         b = self.balance
         fields = self.fields(theta)[:, None]
         forces = [self.cause.generalised_forces(*one, b.tests) for one in zip(fields, moments.x, moments.v, strict=True)]
@@ -101,7 +104,7 @@ class SheetProblem:
         by_knot = np.einsum("tk,tdp->tdkp", self.hats[:-1], rising) + np.einsum("tk,tdp->tdkp", self.hats[1:], falling)
         by_mean = (rising + falling)[..., :3]
         data = b.seen.size
-        jacobian = np.concatenate([by_knot.reshape(data, -1), by_mean.reshape(data, 3)], axis=1)
+        jacobian = self.reliability * np.concatenate([by_knot.reshape(data, -1), by_mean.reshape(data, 3)], axis=1)
         return Linearisation.at(theta, self.residual(theta), self._whitened(jacobian).T)
 
     def before(self, theta: np.ndarray) -> SheetProblem:

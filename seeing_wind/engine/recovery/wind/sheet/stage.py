@@ -35,7 +35,7 @@ from .estimate import BREEZE, SheetEstimate, field_of, follower_of
 from .following import Follower
 from .observed import Observed, observe_sheet
 
-VERSION = 6
+VERSION = 7
 """Part of the stamp: raise it when the results change."""
 UNTOLD, FELT = 0.4, 0.5
 """Deviation of a wind from which the sheet does not tell it: relative to the wind's size and in m/s, as what falls through calm air tells
@@ -151,6 +151,7 @@ def choose(
         hint = "Use --field force, or check areal density, scale, depth, gravity and what is held."
         raise ObjectError(f"No wind can be recovered. {against}", hint)
     told: dict[str, Any] = {"field": "wind", "why": "--field wind", **figures(wind), "doubt": wind.doubt, "error_of_law": wind.law}
+    told["reliability_of_path"] = wind.reliability
     if field == "wind":
         return wind, told | {"notes": _remarks(wind, told)}
     force = estimate(Push(shell), FORCE_MEAN, "force", progress.part(0.5, 1.0))
