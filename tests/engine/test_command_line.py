@@ -309,8 +309,8 @@ def test_results_do_not_replace_what_is_no_file(engine, windy: Path, tmp_path: P
     [
         ("take.toml", "= broken", "take.toml cannot be read"),
         ("take.toml", "format = 99", "of a newer version"),
-        ("field.safetensors", "no field", "is no readable field"),
-        ("wind.safetensors", "no wind", "is no readable field"),
+        ("field.safetensors", "no field", "cannot be read as a field"),
+        ("wind.safetensors", "no wind", "cannot be read as a field"),
     ],
 )
 def test_a_damaged_take_is_wrong_input(engine, windy: Path, tmp_path: Path, name: str, text: str, says: str) -> None:

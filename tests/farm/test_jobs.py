@@ -268,7 +268,7 @@ def test_a_list_of_objects_is_read_before_any_job_is_begun(workplace: Path) -> N
     (workplace / "objects.json").write_text('{"objects": [{"name": "leaf"}]}')
     (workplace / "jobs.toml").write_text(TABLE.format("first") + TABLE.format("all") + 'recover = { objects = "objects.json" }\n')
     plain = argparse.Namespace(jobs=workplace / "jobs.toml", ray=None, shared=False, attempts=None, openjd=None, again=False)
-    with pytest.raises(UsageError, match="^all: .*objects.json: of object 1 is missing, or of another kind: object, material, mask"):
+    with pytest.raises(UsageError, match="^all: .*objects.json: these values of object 1 are missing .*: object, material, mask"):
         batch(plain, NoProgress())
     assert not (workplace / "first.take").exists()
 

@@ -28,10 +28,10 @@ from .tracks.tracker import ENOUGH, find_corners
 FEW_PATCHES = 900
 """Area [px] (three tracking patches) below which all corners of a body share nearly one patch: when some are lost, all are."""
 
-SEEN_AT_ALL, COMING_BACK = 0.5, 0.5
+SEEN_AT_ALL, COMING_BACK, SPELL = 0.5, 0.5, 5.0
 """Corners are flicker of something see-through, shiny or blurred if, in the clip's first half, they are visible for a smaller fraction of
-the time than SEEN_AT_ALL, and more than the fraction COMING_BACK of the losses is followed by a return. On a body that turns, lost corners
-stay lost for half a turn."""
+the time than SEEN_AT_ALL and for fewer than SPELL frames in a row, and if more than the fraction COMING_BACK of the losses is followed by
+a return. On a body that turns, lost corners stay lost for half a turn; those of flags were visible for 8 frames or more between folds."""
 
 SILHOUETTE = 0.02
 """Distance between the centroid of a turning body's silhouette and the body's own, in units of its size."""
@@ -92,16 +92,18 @@ def _tracks_of(points: Generations, first: int, frames: Frames, masks: Masks, pl
     enough = early.sum(axis=1) >= ENOUGH
     last = bool(enough[seen].all())
     few = not last and (enough[:half].mean() < 0.75 or masks[0].sum() < FEW_PATCHES)
-    if few or _flicker(early, half):
+    if few or flickers(early, half):
         return _centroid_alone(frames, masks, plate, progress)
     found = Tracks(xy, visible, sigma, np.zeros(xy.shape[1], bool))
     return found if last else _with_centroid(frames, masks, plate, found, enough, progress)
 
 
-def _flicker(visible: np.ndarray, half: int) -> bool:
-    """Whether corners that should stay visible come and go, see `COMING_BACK`. `visible`: (T+1, K) bool; `half`: half of the frames."""
+def flickers(visible: np.ndarray, half: int) -> bool:
+    """Whether corners that should stay visible come and go, see `SEEN_AT_ALL`. `visible`: (T+1, K) bool; `half`: half of the frames."""
     lost, back = visible[:-1] & ~visible[1:], ~visible[:-1] & visible[1:]
-    return bool(visible[:half].mean() < SEEN_AT_ALL and back.sum() > COMING_BACK * lost.sum())
+    early = visible[:half]
+    brief = early.sum() < SPELL * lost[: half - 1].sum()
+    return bool(early.mean() < SEEN_AT_ALL and brief and back.sum() > COMING_BACK * lost.sum())
 
 
 def _tell_lost(seen: np.ndarray, progress: Progress) -> None:

@@ -67,7 +67,7 @@ def test_bodies_that_are_none_are_refused(change, error, match):
         ({"density": 0.0}, "density"),
         ({"density": -300.0}, "density"),
         ({"law": "von_mises", "yield_stress": np.nan}, "not finite"),
-        ({"law": "von_mises", "yield_stress": -5.0}, "Yield stress"),
+        ({"law": "von_mises", "yield_stress": -5.0}, "yield stress of rubber is -5 Pa"),
         ({"law": "viscoplastic", "yield_stress": 5.0, "viscosity": -1.0}, "viscosity"),
     ],
 )

@@ -13,6 +13,7 @@ from scipy.interpolate import RBFInterpolator
 
 from seeing_wind.engine.errors import UsageError
 from seeing_wind.engine.observe import observe
+from seeing_wind.engine.observe.following import flickers
 from seeing_wind.engine.observe.steady import Steady
 from seeing_wind.engine.observe.tracks.anchor import align, cut_patches
 from seeing_wind.engine.observe.tracks.file import read_tracks
@@ -285,3 +286,13 @@ def test_corners_that_only_flicker_give_way_to_the_silhouette(tmp_path: Path, gl
     moved = np.where(seen.visible[:, first, None], seen.xy[:, first] - seen.xy[:1, first], np.nan)
     off = np.linalg.norm(np.nanmean(moved, axis=1) - (scene.centers - scene.centers[0]), axis=1)
     assert off.max() < (1.5 if on_centroid else 0.6)
+
+
+def test_corners_that_folds_hide_for_a_while_do_not_flicker() -> None:
+    """Waves pass over a flag and hide each corner for 10 frames of 18, which is less of the time than flicker leaves one out of sight."""
+    frame, corner = np.arange(60)[:, None], np.arange(90)[None]
+    folded = (frame + corner) % 18 >= 10
+    flickering = np.random.default_rng(6).random((60, 90)) > 10 / 18
+    assert folded[:30].mean() < 0.5 and flickering[:30].mean() < 0.5
+    assert flickers(flickering, 30)
+    assert not flickers(folded, 30)
