@@ -141,7 +141,7 @@ def _sheet(
     """What the file and the options say of the sheet, and notes on what is assumed or not used."""
     given = {name: value for name, value in properties.items() if value is not None}
     if given.get("law") in PLASTIC_LAWS or "yield_stress" in given or "viscosity" in given:
-        raise UsageError("A shell springs back, it has no plastic law.", "Leave --law, --yield-stress and --viscosity out.")
+        raise UsageError("A sheet is elastic: it has no plastic law.", "Leave --law, --yield-stress and --viscosity out.")
     notes = []
     if material is not None:
         if material.name not in SHEETS:

@@ -2,7 +2,7 @@
 
 With b = 2 dt / 3, the last two states give x* = (4 x - x_before) / 3 and v* likewise, and the new state satisfies
 x' = x* + b v', M (v' - v*) = b f(x', v') (BDF2: Gear 1971; for cloth Choi and Ko 2002, ACM Trans. Graph. 21, 604). The rule is stable at
-any dt and damps slow motion little: per radian of oscillation, a mode of angular frequency w loses about (w dt)^3 of its amplitude, where
+any dt and damps slow motion little: per radian of oscillation, a mode of angular frequency w loses (w dt)^3 / 4 of its amplitude, where
 the implicit Euler rule loses w dt / 2.
 
 Damping is of Kelvin-Voigt type: a stress and a bending moment in proportion to the change of the elastic ones over the substep. A rotation

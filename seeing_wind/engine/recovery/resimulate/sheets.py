@@ -159,7 +159,7 @@ def sheet_of(body: BodyEdit, area: float, filmed: Sheet | None = None) -> Sheet:
     """
     material = find(body.material or DEFAULT) if filmed is None else filmed.as_solid("the recovered object")
     if (body.law or material.law) in PLASTIC_LAWS or body.yield_stress is not None:
-        raise UsageError(f"{body.name}: a shell springs back, it has no plastic law.", "Set shell = false, or give an elastic material.")
+        raise UsageError(f"{body.name}: a sheet is elastic: it has no plastic law.", "Set shell = false, or give an elastic material.")
     names = ("density", "youngs_modulus", "poisson_ratio", "loss_factor")
     material = adjust(material, **{name: getattr(body, name) for name in names})
     own: dict[str, Any] = {name: getattr(body, name) for name in SHEET_UNITS if getattr(body, name) is not None}

@@ -86,7 +86,7 @@ def refuse_unfit(objects: Sequence[bpy.types.Object], scene: bpy.types.Scene, co
                 closed = not collide or has_inside(still, bpy.context.evaluated_depsgraph_get())
             if not closed:
                 raise UsageError(
-                    f"{obj.name} is open, or its faces do not all look the same way: it has no inside that is in the way.",
+                    f"{obj.name} is open, or its faces do not all face the same way, so it has no inside.",
                     "Close its holes, recalculate its normals (Mesh > Normals > Recalculate Outside), or give a sheet a thickness "
                     "(Solidify modifier). For level ground use Floor.",
                 )

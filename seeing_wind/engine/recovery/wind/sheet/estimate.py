@@ -17,7 +17,6 @@ from scipy.optimize import least_squares
 from ....mpm.shell import Shell
 from ....progress import Journal, NoProgress, Progress
 from ...prior.basis import hats, spatial_basis
-from ...prior.evidence import linearised_evidence, maximise_evidence
 from ...prior.kernel import Kernel, Prior
 from ...solve.gauss_newton import Solution, solve
 from ..drag import area_normals
@@ -26,20 +25,13 @@ from .air import Air, Cause, Push
 from .attenuation import reliability_of
 from .balance import balance_of
 from .following import Follower
+from .learning import MOST_KNOTS, NOISES, SPACING, learn, likeliest, log_evidence
 from .observed import Observed
 from .problem import SheetProblem, factor_of
 from .valley import Posterior, mixed, posterior_of
 
 MODES = 6
 """Modes of the field over the sheet: constant, linear and quadratic."""
-SPACING = 2.0
-"""Frames between the field's knots; more in clips that would have more than `MOST_KNOTS`. In shorter clips there is a knot in every frame
-if that is more probable."""
-MOST_KNOTS = 60
-LAWS = (0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2)
-"""Candidate relative errors of the cause's law; the evidence chooses. No two engines' simulations of cloth agree better than the first."""
-NOISES = (1.0, 2.0, 4.0, 8.0, 16.0)
-"""Candidate factors on the errors estimated from a camera's images: where folds hide parts, the error of the hidden parts is larger."""
 BREEZE = 2.5
 """Prior standard deviation of each component of the mean wind [m/s], which makes a gentle breeze, Beaufort 3. A sheet that turns little can
 hardly distinguish a wind across it from a stronger one at a slant; of these, the prior prefers the weaker."""
@@ -168,15 +160,15 @@ def _run(
         if solution is not None:
             problem = problem.with_errors(theta)
             if seen.measured is None:
-                problem, prior, theta = _learn(problem, prior, theta, seen.x)
+                problem, prior, theta = learn(problem, prior, theta, seen.x)
             else:
-                problem = _likeliest(problem, prior, theta, "noise", NOISES)
+                problem = likeliest(problem, prior, theta, "noise", NOISES)
                 problem = replace(problem, reliability=reliability_of(problem, theta, seen))
         solution = journal.once(f"round {number}{name}", Solution, partial(_solved, problem, prior, theta, part))
         theta, used = solution.theta, used + solution.iterations
     assert solution is not None
     posterior = posterior_of(problem, prior, theta, problem.check)
-    return _Run(problem, prior, solution, posterior, _log_evidence(problem, prior, posterior.theta), used)
+    return _Run(problem, prior, solution, posterior, log_evidence(problem, prior, posterior.theta), used)
 
 
 def _others(wind: np.ndarray, follower: Follower) -> list[np.ndarray]:
@@ -213,51 +205,6 @@ def _solved(problem: SheetProblem, prior: Prior, theta: np.ndarray, progress: Pr
         theta, np.zeros(len(theta)), prior.precision(), lambda trials: np.stack([problem.residual(one) for one in trials]),
         problem.linearise, ITERATIONS, report, tolerance=CHANGED,
     )  # fmt: skip
-
-
-def _learn(problem: SheetProblem, prior: Prior, theta: np.ndarray, path: np.ndarray) -> tuple[SheetProblem, Prior, np.ndarray]:
-    """Problem and prior with the law's error, the hyperparameters and the knots of greatest evidence, chosen in this order at theta (n,).
-
-    The third result is theta on the chosen knots.
-    """
-    problem = _likeliest(problem, prior, theta, "law", LAWS)
-    prior = _with_kernel(problem, prior, theta)
-    frames, knots = problem.hats.shape
-    if knots == frames or frames > SPACING * MOST_KNOTS:
-        return problem, prior, theta
-    finer = _knotted(problem, prior, theta, path)
-    return max(((problem, prior, theta), finer), key=lambda one: _log_evidence(*one))
-
-
-def _with_kernel(problem: SheetProblem, prior: Prior, theta: np.ndarray) -> Prior:
-    """The prior with the hyperparameters of greatest evidence, linearised at theta (n,)."""
-    point = problem.linearise(theta)
-    return replace(prior, kernel=maximise_evidence(prior, point.normal, point.pull, check=problem.check))
-
-
-def _likeliest(problem: SheetProblem, prior: Prior, theta: np.ndarray, kind: str, several: Sequence[float]) -> SheetProblem:
-    """The problem with one of its errors, `law` or `noise`, chosen from `several` sizes by climbing in evidence from the present one."""
-    best, evidence = problem, _log_evidence(problem, prior, theta)
-    for ahead in (1, -1):
-        place = several.index(getattr(best, kind)) + ahead
-        while 0 <= place < len(several):
-            problem.check()
-            trial = problem.with_errors(theta, **{kind: several[place]})
-            reached = _log_evidence(trial, prior, theta)
-            if reached <= evidence:
-                break
-            best, evidence, place = trial, reached, place + ahead
-        if best is not problem:  # climbing: sizes the other way are less likely
-            break
-    return best
-
-
-def _knotted(problem: SheetProblem, prior: Prior, theta: np.ndarray, path: np.ndarray) -> tuple[SheetProblem, Prior, np.ndarray]:
-    """The same with a knot in every frame of the path (T+1, V, 3) [m]: falling fast through a steady wind, a sheet feels quick changes."""
-    gusts = problem.hats @ theta[:-3].reshape(problem.hats.shape[1], -1)
-    theta = np.concatenate([gusts.ravel(), theta[-3:]])
-    problem = replace(problem, hats=np.eye(len(problem.hats)))
-    return problem, _with_kernel(problem, replace(prior, places=places_of(problem.basis, path, 1.0)), theta), theta
 
 
 def _estimate_from(runs: Sequence[_Run], follower: Follower) -> SheetEstimate:
@@ -298,8 +245,3 @@ def _forces(follower: Follower, fields: np.ndarray, path: np.ndarray) -> tuple[n
     step = 1e-3 * max(float(np.abs(fields).max()), 1e-6)
     moved = [[follower.cause.force(f + step * axis, x, u) for f, x, u in zip(fields, middle, v, strict=True)] for axis in np.eye(3)]
     return force, (np.array(moved) - force) / step
-
-
-def _log_evidence(problem: SheetProblem, prior: Prior, theta: np.ndarray) -> float:
-    """Log evidence of the data, up to an additive constant, with the problem linearised at theta."""
-    return float(linearised_evidence(problem.linearise(theta), prior.precision()) - np.log(np.diag(problem.factor)).sum())
