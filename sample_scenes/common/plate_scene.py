@@ -14,7 +14,7 @@ import numpy as np
 from clip_files import Filmed
 from outlines import flat_mesh, inside_any
 
-from seeing_wind.engine.conventions import NO_GRAVITY
+from seeing_wind.engine.conventions import GRAVITY, NO_GRAVITY
 from seeing_wind.engine.field.analytic import ForceFieldAnalytic
 from seeing_wind.engine.look.report.accuracy import uniform_errors
 from seeing_wind.engine.materials import adjust, find
@@ -51,6 +51,8 @@ class Plate:
     """What the frame shows at that distance, top to bottom [m]."""
     view_centre: tuple[float, float] = (0.0, 0.0)
     """Where the camera looks, in plate coordinates."""
+    bears_weight: bool = True
+    """Whether its weight bends it no further, as the outlines show it as it stands; otherwise the wind has to carry it."""
     stand: tuple[np.ndarray, np.ndarray, tuple[float, float, float]] | None = None
     """What it is fixed to: vertices (V, 3) [m, world], triangles (M, 3), linear colour."""
 
@@ -103,9 +105,9 @@ def lay_particles(plate: Plate, spacing: float) -> Particles:
 
 
 def simulate(plate: Plate, wind: ForceFieldAnalytic, size: tuple[int, int], spacing: float = SPACING) -> Filmed:
-    """Let the plate go, at rest, in the wind. Its weight bends it no further: the outlines show it as it stands."""
+    """Let the plate go, at rest, in the wind, and in gravity unless it bears its weight."""
     particles, material = lay_particles(plate, spacing), plate.stuff()
-    model, _ = model_for(particles, material, wind.fps, gravity=NO_GRAVITY)
+    model, _ = model_for(particles, material, wind.fps, gravity=NO_GRAVITY if plate.bears_weight else GRAVITY)
     state = State.at_rest(particles.x)
     x, v, acceleration = [state.x], [state.v], []
     for t in range(wind.frames):

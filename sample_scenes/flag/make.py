@@ -42,7 +42,7 @@ def flag(seed: int) -> Plate:
     return Plate(
         name="flag", outlines=[outline], held=lambda flat: flat[:, 0] < HELD, texture=paint_texture(seed), texture_side=1.0,
         material="leaf", density=DENSITY, youngs_modulus=3.0e4, thickness=0.012, place=(-0.2, 0.0, 1.2), view_height=0.62,
-        view_centre=(0.22, -0.02), stand=pole(height),
+        view_centre=(0.22, -0.02), bears_weight=False, stand=pole(height),
     )  # fmt: skip
 
 
@@ -70,10 +70,10 @@ def pole(height: float) -> tuple[np.ndarray, np.ndarray, tuple[float, float, flo
 
 
 def wind(plate: Plate, rng: np.random.Generator, fps: float, frames: int) -> ForceFieldAnalytic:
-    """A pull along the sheet, and gusts up and down that run along it."""
+    """A pull along the sheet that carries most of its weight, and gusts up and down that run along it."""
     t = (np.arange(frames) + 0.5) / fps
     swell = np.sin(2.0 * np.pi * t / rng.uniform(0.8, 1.0))
-    uniform = np.stack([4.0 + 2.0 * swell, 0.4 * swell, -1.8 + 1.0 * np.cos(2.0 * np.pi * t / rng.uniform(0.5, 0.7))], 1)
+    uniform = np.stack([4.0 + 2.0 * swell, 0.4 * swell, 8.0 + 1.0 * np.cos(2.0 * np.pi * t / rng.uniform(0.5, 0.7))], 1)
     k = 2.0 * np.pi / WAVELENGTH
     speed, turn = rng.uniform(0.9, 1.2), rng.uniform(0.0, 2.0 * np.pi)
     # a travelling wave is two standing ones; both blow across the way they run, so they are free of divergence
