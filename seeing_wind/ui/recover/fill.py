@@ -1,4 +1,4 @@
-"""The panel's settings from a take that was made elsewhere, by the command line or a batch: so that one can go on with it."""
+"""Fill the panel's settings from a take that was made by the command line or a batch, so that the user can continue from it."""
 
 from __future__ import annotations
 
@@ -21,17 +21,19 @@ OPTIONS = {one.name: one for one in panel_options(ObserveSettings, BuildSettings
 
 
 def fill(scene: bpy.types.Scene, take: Take, clip: str) -> bool:
-    """Fill the settings of a scene that has none of its own from a take.
+    """Fill a scene's settings from a take, unless the scene has settings of its own.
 
-    Those of a scene that has another clip, or in which the object is marked already, are left alone.
-
-    A file that is not there any more is left out.
+    A scene with another clip, or in which the object is already marked, keeps its settings. An option whose file no longer exists is
+    skipped.
 
     Args:
-        clip: where the take's clip is now; "" for a field from trajectories.
+        clip: present path of the take's clip; "" for a field from trajectories.
 
     Returns:
-        Whether they are those that the take was recovered with now, as far as the panel has them.
+        Whether the settings now equal those of the take, as far as the panel has them.
+
+    Raises:
+        TakeError: when a setting in take.toml has an invalid value.
     """
     settings = scene.seeing_wind
     if not clip or not os.path.isfile(clip):
@@ -68,12 +70,12 @@ def fill(scene: bpy.types.Scene, take: Take, clip: str) -> bool:
 
 
 def _gravities(scene: bpy.types.Scene) -> dict[str, Sequence[float]]:
-    """What the menu *Gravity* can say without numbers of its own [m/s²]."""
+    """Acceleration [m/s²] of each entry of the menu *Gravity* that needs no custom numbers."""
     return {"NONE": NO_GRAVITY} | ({"SCENE": gravity_of(scene)} if scene.use_gravity else {})
 
 
 def _give_corrections(settings: bpy.types.PropertyGroup, points: list[float]) -> None:
-    """The points that correct the outline, from the engine's flat list of frame, x, y and whether it is on the object."""
+    """Set the outline's correction points from the engine's flat list: frame, x, y and whether the point is on the object, in turn."""
     settings.corrections.clear()
     for clip_frame, x, y, on in zip(*(points[start::4] for start in range(4)), strict=True):
         point = settings.corrections.add()
@@ -81,5 +83,5 @@ def _give_corrections(settings: bpy.types.PropertyGroup, points: list[float]) ->
 
 
 def _is_marked(settings: bpy.types.PropertyGroup) -> bool:
-    """Whether the user has said where the object is; an empty box, as in a new scene, says nothing."""
+    """Whether the user has marked the object; an empty box, as in a new scene, does not count."""
     return settings.object_mode != "BOX" or any(settings.box)

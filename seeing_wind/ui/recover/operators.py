@@ -35,7 +35,7 @@ class SEEING_WIND_OT_recover(JobOperator, RecoverOptions, bpy.types.Operator):
     proxy: StringProperty(name="Proxy", options={"SKIP_SAVE"}, description="Name of a mesh object; with scale_mode='PROXY'")
 
     def start(self, scene):
-        """Options given as keywords become the scene's settings first."""
+        """Store the options given as keyword arguments in the scene's settings, then start the job."""
         settings = scene.seeing_wind
         self.given = adopt(settings, self.properties)
         for name, pool in (("mask_data", bpy.data.masks), ("held_mask", bpy.data.masks), ("proxy", scene.objects)):
@@ -59,14 +59,14 @@ class SEEING_WIND_OT_recover(JobOperator, RecoverOptions, bpy.types.Operator):
         return last
 
     def withdraw(self, scene):
-        """Options that cannot be used are not those of the next run, either."""
+        """Restore the settings that `start` replaced, so that options which failed do not affect the next run."""
         given, self.given = getattr(self, "given", {}), {}
         if given:
             give_back(scene.seeing_wind, given)
-            self.digest = ""  # the failure is told beside the settings that are back
+            self.digest = ""  # so that the failure is shown beside the restored settings
 
     def finish(self, scene, result):
-        """The field object, the arrows, the camera and the object itself."""
+        """Build the field object, the arrows, the camera and the recovered object."""
         from . import results  # needs NumPy
 
         results.build(scene, self.folder, self.clip)
@@ -77,7 +77,7 @@ class SEEING_WIND_OT_recover(JobOperator, RecoverOptions, bpy.types.Operator):
 
 
 def _found(pool, name: str):
-    """The datablock of that name. Raises UsageError when there is none."""
+    """The datablock called `name`. Raises UsageError when there is none."""
     found = pool.get(name)
     if found is None:
         raise UsageError(f"There is no {name!r} in this file.", "Check the name.")
@@ -85,7 +85,7 @@ def _found(pool, name: str):
 
 
 def _left_behind(settings: bpy.types.PropertyGroup, folder: Path) -> list[str]:
-    """That a recovery has ended in another place than where it would go now, since the file was saved under another path while it ran."""
+    """A warning when the .blend file was saved under another path during the recovery, so that the take is not in the present folder."""
     if folder.parent == takes.take_folder(settings).parent:
         return []
     if takes.is_temporary(folder):
@@ -94,7 +94,7 @@ def _left_behind(settings: bpy.types.PropertyGroup, folder: Path) -> list[str]:
 
 
 def _say_what_is_not_seen(operator: bpy.types.Operator, scene: bpy.types.Scene) -> None:
-    """The panel says it as long as it is so; a script is told once."""
+    """Report once, for scripts, why the field is not visible; the panel shows it as long as it holds."""
     for each in said_of_view(scene):
         operator.report({"WARNING"}, each)
 
@@ -113,7 +113,7 @@ class SEEING_WIND_OT_build_scene(JobOperator, bpy.types.Operator):
     clip: StringProperty(name="Clip", subtype="FILE_PATH", options=PATH, description="The video, if it has been moved since")
 
     def start(self, scene):
-        """The engine is asked for the field at the places that the scene needs."""
+        """Ask the engine for the field at the points that the scene needs."""
         settings = scene.seeing_wind
         if self.take:
             self.folder = Path(absolute(self.take))
@@ -130,7 +130,7 @@ class SEEING_WIND_OT_build_scene(JobOperator, bpy.types.Operator):
         return sampling(engine_python(), self.folder)
 
     def finish(self, scene, result):
-        """As Recover does; that the settings of the scene are those of the take is claimed only where they come from it."""
+        """Build the results as Recover does; record the settings' digest as the take's only if the settings were filled from it."""
         from . import results  # needs NumPy
 
         filled = results.build(scene, self.folder, absolute(self.clip) if self.clip else "")
@@ -156,7 +156,7 @@ class SEEING_WIND_OT_join(JobOperator, bpy.types.Operator):
     )  # fmt: skip
 
     def start(self, scene):
-        """The scene's own take comes first; its wind is shown again."""
+        """Start with the scene's own take first, since its wind is the one that the scene then shows."""
         settings = scene.seeing_wind
         if not settings.recovered_take:
             raise UsageError(takes.NO_FIELD, "Run Recover first, or load the results of a take.")
@@ -177,7 +177,7 @@ class SEEING_WIND_OT_join(JobOperator, bpy.types.Operator):
         return last
 
     def finish(self, scene, result):
-        """The field that the scene shows is that of all, which reaches over all of them."""
+        """Show the joint wind, whose field covers all of the objects."""
         from . import results  # needs NumPy
 
         results.build(scene, self.folder)
@@ -203,11 +203,11 @@ class SEEING_WIND_OT_open_report(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context):
-        """Once something was recovered."""
+        """Only after a recovery."""
         return bool(context.scene.seeing_wind.recovered_take)
 
     def execute(self, context):
-        """In the system's own viewer; without a window only its path is told."""
+        """Open it in the system's own viewer; without a window, only report its path."""
         path = takes.shown(context.scene.seeing_wind) / self.which
         if not path.exists():
             self.report({"ERROR"}, f"There is no {path}. Run Recover again.")

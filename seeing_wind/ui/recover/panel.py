@@ -13,7 +13,7 @@ class RecoverTab(Tab):
     step = "recover"
 
     def fill(self, context, layout):
-        """Gravity, where to, go."""
+        """Draw gravity, the take's folder, the Recover button and the results."""
         column, settings = columns(layout), context.scene.seeing_wind
         column.prop(settings, "gravity_mode")
         if settings.gravity_mode == "CUSTOM":
@@ -36,8 +36,8 @@ class RecoverTab(Tab):
 
 
 def _draw_first(layout, context) -> None:
-    """What comes before all else that is said of a result: in red the ways out of a force that only answers gravity, and why nothing is
-    seen of it."""
+    """Draw the most important notes on a result: in red, what to do about a force that only balances gravity; and why the field is not
+    visible."""
     if context.scene.seeing_wind.answers_gravity:
         _offer_to_hold(layout)
     for text in said_of_view(context.scene):
@@ -45,11 +45,11 @@ def _draw_first(layout, context) -> None:
 
 
 def _offer_to_hold(layout) -> None:
-    """The ways out of a force that only answers gravity."""
+    """Draw the two remedies for a force that only balances gravity."""
     box = layout.box()
     box.alert = True
     box.label(text="This is only the answer to gravity", icon="ERROR")
-    column = box.column(align=True)  # one above the other, so that none is cut off in a narrow sidebar
+    column = box.column(align=True)  # stacked, so that neither is cut off in a narrow sidebar
     column.operator("seeing_wind.preview", text="Mark What Is Held", icon="PINNED")
     away = column.operator("wm.context_set_enum", text="Gravity: None", icon="CANCEL")
     away.data_path, away.value = "scene.seeing_wind.gravity_mode", "NONE"

@@ -1,4 +1,4 @@
-"""The settings of the step *Recover*, and what a scene notes of its results. Names, units and defaults are those of the command line.
+"""The settings of the step *Recover*, and what a scene records about its results. Names, units and defaults are those of the command line.
 
 No postponed annotations here: Blender reads these annotations as property definitions.
 """
@@ -49,7 +49,7 @@ class RecoverOptions(ClipOptions, ObjectOptions):
 
 
 class RecoverResults:
-    """What was made, and with which settings: part of the file and of its undo."""
+    """The results, and the settings that they were made with; saved in the .blend file and subject to undo."""
 
     unfinished: StringProperty(options={"HIDDEN"}, description="The step whose job runs: says after a reopening that it was cut off")
     recovered_digest: StringProperty(options={"HIDDEN"})
@@ -75,11 +75,11 @@ OPTIONS = tuple(name for base in (ClipOptions, ObjectOptions, RecoverOptions) fo
 """Names of all options of Recover."""
 
 IMPLIED = MODES | {name.removeprefix("use_"): (name, True) for name in OPTIONS if name.startswith("use_")}
-"""The same, with the ticks before numbers."""
+"""`MODES`, and for each optional number the checkbox in front of it."""
 
 
 def adopt(settings: bpy.types.PropertyGroup, arguments: bpy.types.OperatorProperties) -> Given:
-    """Take over the options that an operator was called with, and the modes that they imply. Returns what there was, for `give_back`."""
+    """Take over an operator's options and the modes that they imply. Returns the former and new values, for `give_back`."""
     given = [name for name in OPTIONS if arguments.is_property_set(name)]
     modes = {mode: value for name, (mode, value) in IMPLIED.items() if name in given and mode not in given}
     former = {name: _plain(getattr(settings, name)) for name in (*modes, *given)}
@@ -91,12 +91,12 @@ def adopt(settings: bpy.types.PropertyGroup, arguments: bpy.types.OperatorProper
 
 
 def give_back(settings: bpy.types.PropertyGroup, given: Given) -> None:
-    """Put former values back in the place of those that were taken over, where nobody has changed these since."""
+    """Restore the values that `adopt` replaced, except where a value was changed since."""
     for name, (former, taken) in given.items():
         if _plain(getattr(settings, name)) == taken:
             setattr(settings, name, former)
 
 
 def _plain(value: Any) -> Any:
-    """A value that does not change with the property."""
+    """A property's value as a copy that later changes of the property do not affect."""
     return tuple(value) if isinstance(value, bpy.types.bpy_prop_array) else value

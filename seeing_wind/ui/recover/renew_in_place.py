@@ -1,6 +1,7 @@
-"""New results in an old object: whatever points at the object (constraints, drivers, parents, collections, other scenes' modifiers) stays.
+"""Put new results into existing objects, so that references to these (constraints, drivers, parents, other scenes' modifiers) stay valid.
 
-The results of a take are made as new objects, which is simple; what is there already then takes over their data, and the new ones go.
+The results of a take are first made as new objects, which is simple; the existing objects then take over their data, and the new objects
+are removed.
 """
 
 from __future__ import annotations
@@ -19,18 +20,18 @@ OF_RESULTS = (FIRST_FRAME, "Length", FRAMES_PER_CLIP_FRAME)
 
 
 def can_renew(obj: bpy.types.Object | None, scene: bpy.types.Scene) -> bool:
-    """Whether an object made earlier can take over new results: it is still in the scene, and of this file."""
+    """Whether an existing object can take over new results: a mesh that is still in the scene and local to this file."""
     return obj is not None and obj.library is None and obj.override_library is None and obj.name in scene.objects and obj.type == "MESH"
 
 
 def renew(former: bpy.types.Object, new: bpy.types.Object) -> bpy.types.Object:
     """Let `former` show what `new` shows, and remove `new`. Returns `former`.
 
-    Taken over: mesh with its materials, shape keys and their animation; place and parent; the modifiers that make the results what they
-    are, with their settings; the settings of the force field, and our custom properties. Kept: whether the field loops, name, collections,
-    constraints, further modifiers, particle systems, and everything that points at the object.
+    Taken over: the mesh with its materials, shape keys and their animation; transform and parent; our own modifiers and those of their
+    inputs that follow from the results; the settings of the force field; and our custom properties. Kept: whether the field loops, name,
+    collections, constraints, other modifiers, particle systems, and every reference to the object.
     """
-    if former.mode != "OBJECT":  # Blender gives an object in Edit Mode no other mesh, and says nothing
+    if former.mode != "OBJECT":  # in Edit Mode, Blender silently ignores a new mesh
         with bpy.context.temp_override(object=former, active_object=former):
             bpy.ops.object.mode_set(mode="OBJECT")
     _take_mesh(former, new)
@@ -67,7 +68,7 @@ def _take_mesh(former: bpy.types.Object, new: bpy.types.Object) -> None:
 
 
 def discard(obj: bpy.types.Object) -> None:
-    """Remove one of our objects with all that only it used."""
+    """Remove one of our objects with the mesh and node groups that only it used."""
     data, groups = obj.data, _groups(obj)
     bpy.data.objects.remove(obj)
     if isinstance(data, bpy.types.Mesh) and data.users == 0:
@@ -78,11 +79,11 @@ def discard(obj: bpy.types.Object) -> None:
 
 
 def tidy(made: dict[str, bpy.types.Object], before: str) -> None:
-    """Give results the names that they would have in a file without former ones, and remove what a deleted one has left.
+    """Give results the names that they would have in a file without earlier results, and remove unused datablocks that hold these names.
 
     Args:
-        made: by what they are.
-        before: name of the new field object, which has gone on in a former one: what belongs to it is called after it.
+        made: the results by the names of `POINTERS`, `SAMPLES_OBJECT` and `LEGEND`.
+        before: name of the new field object before it was merged into the former one; names of other results begin with it.
     """
     now = made["field_object"].name
     texture = made["field_object"].field.texture
@@ -101,7 +102,7 @@ def _groups(obj: bpy.types.Object) -> list[bpy.types.NodeTree]:
 
 
 def _discard_mesh(mesh: bpy.types.Mesh) -> set[str]:
-    """Remove a mesh that nothing uses, with the materials, images and keyframes that only it used. Returns the names that are free now."""
+    """Remove a mesh that nothing uses, with the materials, images and keyframes that only it used. Returns the freed names."""
     keys = mesh.shape_keys
     action = keys.animation_data.action if keys is not None and keys.animation_data is not None else None
     materials = [each for each in mesh.materials if each is not None]
@@ -121,14 +122,14 @@ def _images(material: bpy.types.Material | None) -> list[bpy.types.Image]:
 
 
 def _take_name(block: bpy.types.ID, free: set[str]) -> None:
-    """Call a new datablock as the former one was called, if that is gone."""
+    """Give a new datablock the name of its former counterpart, if that is among the `free` names."""
     name = next((each for each in free if _base(each) == _base(block.name)), None)
     if name is not None:
         block.name = name
 
 
 def _take_modifiers(former: bpy.types.Object, new: bpy.types.Object) -> None:
-    """Node groups, by the name of their modifier, which the user may have deleted. What is set on the arrows stays as it is."""
+    """Put new node groups into the modifiers of the same name, made anew if the user deleted them. The user's inputs stay as they are."""
     for modifier in new.modifiers:
         name, tree = _base(modifier.name), modifier.node_group
         own = next((each for each in former.modifiers if each.type == "NODES" and _base(each.name) == name), None)
@@ -145,7 +146,7 @@ def _take_modifiers(former: bpy.types.Object, new: bpy.types.Object) -> None:
 
 
 def _base(name: str) -> str:
-    """A name without the numbers that Blender adds where it is taken."""
+    """A name without the numeric suffixes that Blender adds to make names unique."""
     return re.sub(r"\.\d{3}", "", name)
 
 

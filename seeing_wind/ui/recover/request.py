@@ -1,4 +1,4 @@
-"""What Recover is asked for, as one snapshot of a scene. Whatever comes after it works from the snapshot, not from the scene."""
+"""The request of Recover as a snapshot of a scene. All later steps work from the snapshot, not from the scene."""
 
 from __future__ import annotations
 
@@ -47,8 +47,8 @@ class RecoverRequest:
 
         Raises:
             ClipError: when there is no such clip.
-            ObjectError: when nothing says where the object is.
-            UsageError: when a file, camera or proxy is named that is not there.
+            ObjectError: when the object is not marked.
+            UsageError: when a file, camera or proxy that the settings name does not exist.
         """
         settings, take = scene.seeing_wind, take_folder(scene.seeing_wind)
         values = scene_values(settings)
@@ -60,7 +60,7 @@ class RecoverRequest:
         cls, scene: bpy.types.Scene, values: dict[str, Any], take: Path, clip: tuple[str, dict[str, Any], tuple[View, ...]],
         marked: tuple[dict[str, Any], tuple[SceneInput, ...]],
     ) -> RecoverRequest:  # fmt: skip
-        """The request of a scene of which `scene_values`, `take_folder`, `clip_options` and `object_options` are known already."""
+        """The request of a scene from the results of `scene_values`, `take_folder`, `clip_options` and `object_options`."""
         existing_take(values["body"])
         return cls(
             take, clip[0], ObserveSettings(**marked[0] | clip[1]), BuildSettings(**part_of(values, BuildSettings)),
@@ -69,12 +69,12 @@ class RecoverRequest:
         )  # fmt: skip
 
     def arguments(self) -> list[str]:
-        """The words of `recover` after the verb."""
+        """Command-line arguments of `recover`, after the verb."""
         views = [word for view in self.views for word in ("--view", *view)]
         return [self.clip, *words_of(self.observe, self.build, self.recover, self.wind), *views, "--take", str(self.take)]
 
     def files(self) -> list[Path]:
-        """All that is read, but for what is made from the scene."""
+        """All files that the recovery reads, except those made from the scene."""
         named = [getattr(self.observe, name) for name in FILES]
         given = [Path(path) for path in named if path is not None and Path(path).parent != self.take / INPUTS]
         if self.recover.body is not None:
@@ -82,7 +82,7 @@ class RecoverRequest:
         return [*files_of(self.clip), *given, *(Path(path) for view in self.views for path in view)]
 
     def digest(self) -> str:
-        """Changes whenever the recovery would be another one. Files count by name and content, so that a project can be moved or copied."""
+        """Digest of all that the result depends on. Files count by name and content, so that a project can be moved or copied."""
         names = {name: os.path.basename(getattr(self.observe, name) or "") or None for name in FILES}
         body = os.path.basename(self.recover.body or "") or None
         views = [os.path.basename(path) for view in self.views for path in view]
@@ -90,18 +90,18 @@ class RecoverRequest:
             os.path.basename(self.clip), dataclasses.replace(self.observe, **names), self.build,
             dataclasses.replace(self.recover, body=body), views,
             [content_of(path) for path in self.files()],
-            tuple(each.stamp for each in self.inputs),  # what is made from the scene counts by what it is made of
-            *([self.wind] if self.wind != WindSettings() else []),  # so that what was recovered before there was a choice stays done
+            tuple(each.stamp for each in self.inputs),  # a file made from the scene counts by its source data
+            *([self.wind] if self.wind != WindSettings() else []),  # so that digests from before this option existed stay valid
         )  # fmt: skip
 
     def write_inputs(self) -> None:
-        """Make the files that are made from the scene. Raises SeeingWindError where mask, tracks or proxy hold nothing."""
+        """Write the files made from the scene. Raises SeeingWindError when mask, tracks or proxy are empty."""
         for each in self.inputs:
             each.write(self.take / INPUTS / each.name)
 
 
 def existing_take(folder: str | None) -> None:
-    """Raises UsageError when a take is named that holds no recovery."""
+    """Raise UsageError when `folder` is given and is no take with a recovered field."""
     if folder is not None and not all(Path(folder, name).is_file() for name in ("field.safetensors", "trajectory.npz")):
         raise UsageError(f"{folder} holds no recovered field.", "Choose the take of another recovery, or clear Same Body As.")
 
@@ -115,7 +115,7 @@ def scene_values(settings: bpy.types.PropertyGroup) -> dict[str, Any]:
 
 
 def _gravity(scene: bpy.types.Scene, values: dict[str, Any]) -> tuple[float, ...]:
-    """(3,) the known acceleration [m/s²]."""
+    """(3,) the gravity [m/s²] that the settings choose."""
     settings = scene.seeing_wind
     if settings.gravity_mode == "NONE" or (settings.gravity_mode == "SCENE" and not scene.use_gravity):
         return (0.0, 0.0, 0.0)
@@ -125,5 +125,5 @@ def _gravity(scene: bpy.types.Scene, values: dict[str, Any]) -> tuple[float, ...
 
 
 def gravity_of(scene: bpy.types.Scene) -> tuple[float, ...]:
-    """(3,) the scene's own [m/s²], on or not; Blender has it in units of the scene, as its solvers and its panels understand it."""
+    """(3,) the scene's gravity [m/s²], enabled or not; Blender stores it in units of the scene."""
     return tuple(single(value) for value in scene.gravity * metres_per_unit(scene))

@@ -1,4 +1,4 @@
-"""From a take to the scene: the field object, its arrows, the camera with the clip behind it, and the recovered object with its motion."""
+"""Put a take into a scene: field object, arrows, camera with the clip behind it, and recovered object with its motion."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ from .shown import LEGEND, POINTERS, SAMPLES_OBJECT, made_before
 
 COLLECTION = "Seeing Wind"
 LOADED = "loaded"
-"""In place of a digest: results of settings that the scene does not have."""
+"""Stands in for the digest of results whose settings the scene does not have."""
 
 
 def notes(scene: bpy.types.Scene, folder: Path) -> list[str]:
-    """What there is to say of the recovery in `folder`, which the scene shows: what it says of itself, the worst first, without the
-    verdict on its wind, which the scene keeps, and then what has befallen the scene."""
+    """Notes on the recovery in `folder`, which the scene shows: the recovery's own notes, worst first, without the verdict on its wind (a
+    property of the scene holds that), then the scene's warnings."""
     take = Take(folder)
     told, frame_of = wind_told(take), pace_of_scene(scene).frame_of
     own = [in_panel_words(in_scene_frames(note, frame_of)) for note in recovery_notes(take) if told is None or note not in told.notes]
@@ -49,19 +49,19 @@ def notes(scene: bpy.types.Scene, folder: Path) -> list[str]:
 
 
 def build(scene: bpy.types.Scene, folder: Path, clip: str = "") -> bool:
-    """Put the results of a take into `scene`, those of a former one into the objects that it has made already (see `renew_in_place`).
+    """Put the results of a take into `scene`, reusing the objects of a former run (see `renew_in_place`).
 
     Args:
-        scene: changed; see `clip_scene.setup_clip_scene` for what of it.
-        folder: of the take, sampled before (`sampling`).
-        clip: path of the video; by default the one that the take names, or the one of that name in the settings or beside the .blend file.
+        scene: changed in place; for the settings that change see `clip_scene.setup_clip_scene`.
+        folder: of the take, whose field was sampled before (`sampling`).
+        clip: path of the video; by default found by `clip_of_take`.
 
     Returns:
-        Whether the scene had no settings of its own, and has those of the take now.
+        Whether the scene's settings now equal those of the take, see `fill`.
 
     Raises:
-        TakeError: when the take lacks something; the scene is then as before.
-        ClipError: when Blender cannot read the clip; likewise.
+        TakeError: when the take is incomplete; the scene is then unchanged.
+        ClipError: when Blender cannot read the clip; the scene is then unchanged.
     """
     settings, take = scene.seeing_wind, Take(folder)
     field, where, told = field_summary(take), places(take), wind_told(take)
@@ -96,7 +96,7 @@ def build(scene: bpy.types.Scene, folder: Path, clip: str = "") -> bool:
 
 
 def _show_clip(scene: bpy.types.Scene, path: str, field: FieldSummary, seen: Seen) -> None:
-    """The camera of the take with the video at `path` behind it.
+    """Set up the take's camera with the video at `path` behind it.
 
     Raises:
         ClipError: when Blender cannot read the clip.
@@ -134,7 +134,7 @@ def _objects(
         settings.frame_start, parent=wind, collection=collection, units="N/m³" if blown is None else "m/s", distance=sampled.away,
     )  # fmt: skip
     low, high = field.box / metres_per_unit(scene)
-    # so far to the left that its plate hides nothing of the field
+    # far enough left that its plate hides no part of the field
     aside = low - [0.28 * (high - low).max(), 0.0, 0.0]
     legend = create_legend(
         "Recovered Wind Legend", arrows["seeing_wind_peak"], arrows["seeing_wind_units"], aside, 0.4 * float((high - low).max()),
@@ -144,19 +144,19 @@ def _objects(
 
 
 def digest_of_loaded(scene: bpy.types.Scene, filled: bool) -> str:
-    """Of the settings of a take that was made elsewhere: the scene's own, if they were filled from it."""
+    """Digest for a loaded take: that of the scene's settings if they were `filled` from the take, else `LOADED`."""
     if not filled:
         return LOADED
     try:
         return RecoverRequest.of(scene).digest()
-    except SeeingWindError:  # the panel says what is missing
+    except SeeingWindError:  # the panel shows what is missing
         return LOADED
 
 
 def _in_place(
     scene: bpy.types.Scene, former: dict[str, bpy.types.Object], made: dict[str, bpy.types.Object]
 ) -> dict[str, bpy.types.Object]:
-    """Put new results into the objects that a former run has made; those that cannot take them, or have no successor, are removed."""
+    """Put new results into the objects of a former run. Objects that cannot take them, or have no counterpart, are removed."""
     kept, called_now = {}, made["field_object"].name
     for name, new in made.items():
         old = former.pop(name, None)
@@ -168,14 +168,14 @@ def _in_place(
             child.parent = None
         called = obj.name
         discard(obj)
-        if name in kept:  # one that the user had deleted kept its name until now
+        if name in kept:  # an object that the user deleted held its name until now
             kept[name].name = called
     tidy(kept, called_now)
     return kept
 
 
 def _forget_deleted_camera(settings: bpy.types.PropertyGroup) -> None:
-    """One that the user has deleted: only the settings still hold it, and its name."""
+    """Remove the camera if the user deleted it from all scenes: the settings' pointer still keeps it, and its name, alive."""
     camera = settings.camera_object
     if camera is not None and not camera.users_scene and camera.library is None:
         data = camera.data
@@ -185,7 +185,7 @@ def _forget_deleted_camera(settings: bpy.types.PropertyGroup) -> None:
 
 
 def _leave_to_others(settings: bpy.types.PropertyGroup) -> None:
-    """A scene that was copied from another one shares its objects: these stay with the other."""
+    """Leave result objects that a copied scene shares with its original to the original."""
     scene, names = settings.id_data, POINTERS
     others = [other for other in bpy.data.scenes if other != scene]
     theirs = {getattr(other.seeing_wind, name) for other in others for name in names}
@@ -199,7 +199,7 @@ def _leave_to_others(settings: bpy.types.PropertyGroup) -> None:
 
 
 def _keep_other_take(settings: bpy.types.PropertyGroup, folder: Path) -> None:
-    """The field of another take that is still there, or of none, and what belongs to it, stay in the scene beside the new one."""
+    """Keep a former field, with its results, beside the new one if it is from another take that still exists, or from no take."""
     field = settings.field_object
     if field is None:
         return
@@ -229,7 +229,7 @@ def _recovered(scene: bpy.types.Scene, seen: Seen, fps: float, collection: bpy.t
 
 
 def _clear_the_view(scene: bpy.types.Scene) -> None:
-    """Let nothing of a new file stand in front of the results, and show them in their colors where a window shows them."""
+    """Hide the default cube in front of the results, and switch Solid views of this scene to vertex colors."""
     hidden = hide_default_cube(scene)
     if hidden:
         status.of(scene.session_uid).warnings.append(hidden)
@@ -241,7 +241,7 @@ def _clear_the_view(scene: bpy.types.Scene) -> None:
 
 
 def _groups(obj: bpy.types.Object | None) -> tuple[int, dict[str, list[tuple[int, float]]]]:
-    """Vertex groups that the user has made on the clip's object: vertices of the mesh, and per group indices with their weights."""
+    """Vertex groups that the user made on the recovered object: number of vertices of the mesh, and indices and weights per group."""
     if obj is None:
         return 0, {}
     members: dict[str, list[tuple[int, float]]] = {group.name: [] for group in obj.vertex_groups}
@@ -253,7 +253,7 @@ def _groups(obj: bpy.types.Object | None) -> tuple[int, dict[str, list[tuple[int
 
 
 def _restore_groups(obj: bpy.types.Object, former: tuple[int, dict[str, list[tuple[int, float]]]]) -> None:
-    """On a mesh of other vertices they would mean something else."""
+    """Restore the vertex groups of `_groups`; not on a mesh with another vertex count, whose indices mean other vertices."""
     count, members = former
     for name, weighted in members.items() if count == len(obj.data.vertices) else ():
         group = obj.vertex_groups.new(name=name)
@@ -262,7 +262,7 @@ def _restore_groups(obj: bpy.types.Object, former: tuple[int, dict[str, list[tup
 
 
 def collection_of(scene: bpy.types.Scene, field: bpy.types.Object | None) -> bpy.types.Collection:
-    """Where the results of a take are: the one with its field, or one of ours without any field, or a new one."""
+    """The collection for results: the one that holds `field`; without a field, one of ours that holds no field; else a new one."""
     ours = [each for each in scene.collection.children_recursive if each.get("seeing_wind")]
     if field is not None and field.users_scene:
         collection = next((each for each in ours if field.name in each.objects), None)

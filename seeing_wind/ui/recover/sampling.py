@@ -1,4 +1,4 @@
-"""The engine is asked for the field of a take at the places that the scene needs, and its answer is read."""
+"""Ask the engine for the field of a take at the points that the scene needs, and read its answer."""
 
 from __future__ import annotations
 
@@ -18,23 +18,23 @@ from ..job.take_reading import field_summary, trajectory
 from ..job.worker_command import command, environment
 
 CACHES = ("blender_points.*npy", "blender_samples.*npz")
-"""Names of the files between a Blender and its worker: each Blender has its own, with its process's number in the name."""
+"""Files exchanged between Blender and its worker; the process ID in the name gives each Blender its own."""
 ARROWS = 7
-"""Arrows that stand along the longest side of the field's box."""
+"""Number of fixed arrows along the longest side of the field's box."""
 RIDING = 64
-"""Arrows that ride on the recovered object, at most: more of them hide it."""
+"""Largest number of arrows that move with the recovered object: more would hide it."""
 
 
 @dataclass(frozen=True)
 class Places:
-    """Where the field is asked for. The three groups go to the worker as one array, in this order."""
+    """Points at which the field is sampled. The worker gets the three groups as one array, in this order."""
 
     nodes: np.ndarray
-    """(L, 3) a lattice over the field's box [m]."""
+    """(L, 3) lattice over the field's box [m]."""
     arrows: np.ndarray
-    """(M, 3) a coarser one, on which arrows stand [m]."""
+    """(M, 3) coarser lattice, for the fixed arrows [m]."""
     riding: np.ndarray
-    """(T, R, 3) on the moving object [m]; R may be 0."""
+    """(T, R, 3) points on the moving object [m]; R may be 0."""
 
     def rows(self) -> np.ndarray:
         """(T, L + M + R, 3), one row per frame, as the worker's `sample` takes them."""
@@ -48,15 +48,15 @@ class Places:
 
 @dataclass(frozen=True)
 class Sampled:
-    """The field at these places."""
+    """The field at the points of `Places`."""
 
     nodes: SampledField
     arrows: np.ndarray
-    """(T, M + R, 3) at the arrows [N/m³ or m/s]."""
+    """(T, M + R, 3) force density [N/m³] or wind velocity [m/s] at the arrows."""
     sure: np.ndarray
-    """(T, M + R) confidence there, in 0..1."""
+    """(T, M + R) confidence at the arrows, in 0..1."""
     away: np.ndarray
-    """(T, M + R) distance from the filmed object there [m]."""
+    """(T, M + R) distance of the arrows from the filmed object [m]."""
 
 
 def places(take: Take) -> Places:
@@ -71,7 +71,7 @@ def places(take: Take) -> Places:
 
 
 def sampling(python: str, folder: Path) -> worker.Messages:
-    """Ask the engine for the field of a take at the places that the scene needs, as a job; `build` reads its answer."""
+    """A job that samples the field of a take at its `places`; `read_answer` reads the result."""
     take, home = Take(folder), _home(folder)
     _clear_caches(home)
     points, samples = (home.file(name) for name in own_caches())
@@ -82,10 +82,10 @@ def sampling(python: str, folder: Path) -> worker.Messages:
 
 
 def read_answer(take: Take, where: Places, frames: int, wind: bool) -> Sampled:
-    """What the engine answered to `sampling`, the wind instead of the force at the arrows where there is one.
+    """Read the engine's answer to `sampling`; with `wind`, the arrows get the wind velocity instead of the force density.
 
     Raises:
-        TakeError: when the answer is not that of this field, or not finite; with `wind`, when it has none.
+        TakeError: when the answer does not fit this field or is not finite; with `wind`, also when it holds no wind.
     """
     samples, shape = _home(take.path).read_arrays(own_caches()[1]), (frames, where.rows().shape[1])
     if [np.shape(samples.get(name)) for name in ("force_density", "confidence", "distance")] != [(*shape, 3), shape, shape]:
@@ -100,15 +100,15 @@ def read_answer(take: Take, where: Places, frames: int, wind: bool) -> Sampled:
             raise TakeError(f"The samples in {take.path} hold no wind.", "Load the results again.")
         wind_at_nodes, *at_arrows = where.split(samples["wind_velocity"])
         _, *sure_arrows = where.split(samples["wind_confidence"])
-    # of a wind that several takes share, from the nearest of their objects
+    # for a wind that several takes share: the distance from the nearest of their objects
     away, *away_arrows = where.split(samples["wind_distance" if wind else "distance"])
     nodes = SampledField(where.nodes, at_nodes, sure_nodes, wind_at_nodes, away)
     return Sampled(nodes, *(np.concatenate(each, axis=1) for each in (at_arrows, sure_arrows, away_arrows)))
 
 
 def _home(folder: Path) -> Take:
-    """Where the files between Blender and its worker are: in the take's folder, or in the temporary one where that cannot be written, as on
-    a medium or a server's share. Loading writes nothing else."""
+    """The folder of the files exchanged with the worker: the take's own, or a temporary one if the take is on a read-only medium or
+    share. Loading writes nothing else."""
     try:
         takes.refuse_read_only(folder, "")
     except TakeError:
@@ -117,13 +117,13 @@ def _home(folder: Path) -> Take:
 
 
 def own_caches() -> tuple[str, str]:
-    """Points asked for and samples answered: two Blenders that show one take do not read each other's."""
+    """Names of this process's files of points and samples, so that two Blenders with the same take do not read each other's."""
     points, samples = (name.replace("*", f"{os.getpid()}.") for name in CACHES)
     return points, samples
 
 
 def _clear_caches(home: Take) -> None:
-    """Remove those that Blenders have left which are closed by now."""
+    """Remove the files of Blender processes that have ended."""
     for path in [path for pattern in CACHES for path in home.path.glob(pattern)]:
         number = path.name.split(".")[1]
         if not (number.isdecimal() and alive(int(number))):

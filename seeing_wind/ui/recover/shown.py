@@ -1,6 +1,6 @@
 """The objects by which a scene shows a recovered field, and why they may not be seen.
 
-Without NumPy: what the user selects is held against them.
+Without NumPy: the user's selection is compared with them.
 """
 
 from __future__ import annotations
@@ -12,20 +12,20 @@ from ..field.display import LEGEND_MARK, SAMPLES_MARK, SURE, is_field, said_of_u
 from ..field.node_groups import get_input
 
 POINTERS = ("field_object", "arrows_object", "recovered_object")
-"""Results that the scene's settings name."""
+"""Results to which the scene's settings have pointers."""
 
 SAMPLES_OBJECT, LEGEND = "samples", "legend"
 """Results that are children of the field object."""
 
 
 def made_before(settings: bpy.types.PropertyGroup) -> dict[str, bpy.types.Object]:
-    """What a former run has made, by what it is; what the user has deleted already is not among it."""
+    """The result objects of a former run by the names above, without those that the user has deleted."""
     found = {name: getattr(settings, name) for name in POINTERS}
     for child in settings.field_object.children if settings.field_object is not None else ():
         for name, mark in ((SAMPLES_OBJECT, SAMPLES_MARK), (LEGEND, LEGEND_MARK)):
             if mark in child:
                 found[name] = child
-    # of a field object that the user has deleted, these two stay behind without a parent
+    # after the user deletes the field object, these two stay behind without a parent
     for obj in settings.id_data.objects:
         for name, mark in ((SAMPLES_OBJECT, SAMPLES_MARK), (LEGEND, LEGEND_MARK)):
             if found.get(name) is None and obj.parent is None and mark in obj:
@@ -34,12 +34,12 @@ def made_before(settings: bpy.types.PropertyGroup) -> dict[str, bpy.types.Object
 
 
 def shows_field(obj: bpy.types.Object, settings: bpy.types.PropertyGroup) -> bool:
-    """Whether an object is a field, or one of those by which the scene shows one: no body and no obstacle, whatever is selected."""
+    """Whether an object is a field or displays one; such an object never becomes a body or an obstacle, even when selected."""
     return is_field(obj) or SURE in obj or any(obj == each for name, each in made_before(settings).items() if name != "recovered_object")
 
 
 def said_of_view(scene: bpy.types.Scene) -> list[str]:
-    """Why nothing of the field is seen, as the scene stands now, and what to do; empty where it is seen."""
+    """Why the field is not visible in the present scene, and what to do; empty when it is visible."""
     settings = scene.seeing_wind
     field, arrows, first = settings.field_object, settings.arrows_object, settings.frame_start
     beside = said_of_range(scene, first, first + int(field["seeing_wind_frames"])) if field is not None else ""

@@ -1,4 +1,4 @@
-"""From a re-simulation that was made elsewhere to the scene: its bodies as objects with their motion, and the Edit list."""
+"""Import a re-simulation that was made elsewhere: its bodies as objects with their motion, and the Edit list."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .results import LOADED, collection_of
 
 
 def import_bodies(scene: bpy.types.Scene, folder: Path, frame_start: int) -> dict[str, bpy.types.Object]:
-    """All bodies of a re-simulation as new objects with their motion, by name, for files that are made without a session before."""
+    """Add all bodies of a re-simulation to the scene as new objects with baked motion, and fill the Edit list. Returns them by name."""
     take, made = Take(folder), {}
     preview = is_preview(take)
     for path in sorted(take.file("bodies").glob("*.npz")):
@@ -48,7 +48,7 @@ def import_bodies(scene: bpy.types.Scene, folder: Path, frame_start: int) -> dic
 
 
 def _dress(mesh: bpy.types.Mesh, recovered: bpy.types.Mesh) -> None:
-    """Let the clip's object, simulated anew, wear what the recovered one wears. Of another number of corners it stays bare."""
+    """Copy materials and UV map of the recovered object to its re-simulated mesh, unless the number of face corners differs."""
     if len(mesh.loops) != len(recovered.loops) or not recovered.uv_layers:
         return
     for material in recovered.materials:
