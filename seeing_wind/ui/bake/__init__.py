@@ -3,15 +3,15 @@
 properties  its settings
 operators   Bake to Keyframes, Clear Bake
 panel       the panel *Bake*
-bodies      the bodies of an edit get their motion, on their own object or on a copy
-motion      one mesh and its motion, in the way that suits it
+bodies      bakes the motion of an edit's bodies, onto their own objects or onto copies
+motion      bakes the motion of one mesh in the way that suits it
 shapes      ... as absolute shape keys
-rigid       ... as keys of location and rotation
+rigid       ... as location and rotation keyframes
 cache       ... as a point cache beside the file
-smooth      a motion without ripples of an edge's length
-plan        how a motion is to be baked, and what an object says of how it was, and motion left by bodies that went; no NumPy
-at_rest     an object as it is without its bake, and whether modifiers of its own move it
+smooth      removes ripples as short as an edge from a motion
+plan        how to bake a motion, the mark that records how an object was baked, and motion left by removed bodies; no NumPy
+at_rest     an object without its bake, and whether its own modifiers deform it over time
 animation   animation curves, the same way in Blender 4 and 5; no NumPy
 
-It stands beside `edit`, not in it: the recovered object is baked too, and all who read meshes or keyframes of the scene stand on it.
+It is beside `edit`, not in it: the recovered object is baked too, and every room that reads meshes or keyframes of the scene imports it.
 """

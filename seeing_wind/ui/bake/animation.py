@@ -9,13 +9,13 @@ import bpy
 
 
 def curves_of(datablock: bpy.types.ID) -> list[bpy.types.FCurve]:
-    """The animation curves of a datablock, through layers, strips and channel bags (Blender 5 has no other way)."""
+    """The animation curves of a datablock, read through layers, strips and channel bags (the only way in Blender 5)."""
     bag = _bags(datablock)
     return [curve for each in bag for curve in each.fcurves]
 
 
 def remove_curves(datablock: bpy.types.ID, paths: Iterable[str]) -> None:
-    """Remove the curves of these data paths; an action left empty goes with its last user."""
+    """Remove the curves of these data paths, and an action that is then empty and unused."""
     wanted = set(paths)
     for bag in _bags(datablock):
         for curve in [curve for curve in bag.fcurves if curve.data_path in wanted]:
@@ -31,7 +31,7 @@ def remove_curves(datablock: bpy.types.ID, paths: Iterable[str]) -> None:
 
 
 def retime(curves: Iterable[bpy.types.FCurve], first: float, last: float) -> None:
-    """Let animation curves begin and end at other scene frames; keyframes between keep their share of the way."""
+    """Rescale animation curves to span the scene frames `first` to `last`; keyframes keep their relative positions."""
     for curve in curves:
         points = curve.keyframe_points
         begin, end = points[0].co.x, points[-1].co.x
@@ -41,7 +41,7 @@ def retime(curves: Iterable[bpy.types.FCurve], first: float, last: float) -> Non
 
 
 def make_linear(datablock: bpy.types.ID, paths: Iterable[str]) -> None:
-    """Straight lines between the keyframes of these data paths: nothing swings over between frames."""
+    """Interpolate linearly between the keyframes of these data paths, so that nothing overshoots between frames."""
     wanted = set(paths)
     for curve in curves_of(datablock):
         if curve.data_path in wanted:
@@ -51,7 +51,7 @@ def make_linear(datablock: bpy.types.ID, paths: Iterable[str]) -> None:
 
 
 def keyframes(datablock: bpy.types.ID) -> list[tuple[str, int, tuple[float, ...]]]:
-    """All keyframes of a datablock as plain values: what a digest of its animation needs."""
+    """All keyframes of a datablock as plain values for a digest: data path, array index, and frames and values in turn."""
     found = []
     for curve in curves_of(datablock):
         flat = array("f", bytes(8 * len(curve.keyframe_points)))
@@ -61,7 +61,7 @@ def keyframes(datablock: bpy.types.ID) -> list[tuple[str, int, tuple[float, ...]
 
 
 def values_over(scene: bpy.types.Scene, owner: bpy.types.bpy_struct, name: str, frames: Iterable[float]) -> list[float]:
-    """A number of the scene (or of something in it) at each of these frames, as its keyframes say; the same everywhere without any."""
+    """A numeric property of the scene (or of something in it) at each of these frames; just the present value if it has no keyframes."""
     path = owner.path_from_id(name)
     curve = next((each for each in curves_of(scene) if each.data_path == path), None)
     if curve is None or curve.mute:

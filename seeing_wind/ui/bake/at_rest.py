@@ -1,4 +1,4 @@
-"""An object as it is without its bake, or with it, on a passing copy where it must be one."""
+"""An object without its bake, or with it, as a temporary copy where the object itself will not do."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from .plan import mark_of
 
 @contextlib.contextmanager
 def at_rest(obj: bpy.types.Object, scene: bpy.types.Scene, whole: bool = False) -> Iterator[bpy.types.Object]:
-    """An object as it is before any bake and, unless it is wanted whole, without the modifiers that act on top of a simulated motion.
+    """An object without any bake and, unless `whole`, without the modifiers that act on top of a simulated motion.
 
-    The object itself where it is so already; else a passing copy, so that neither its keyframes nor its visibility are touched. What is
-    hidden, or in a collection that is, gets a copy too: Blender evaluates neither modifiers nor place of it.
+    Yields the object itself where that is the case already; else a temporary copy, so that the object keeps its keyframes and visibility.
+    A hidden object, or one in a hidden collection, is copied too, since Blender evaluates neither its modifiers nor its transform.
     """
     if obj.mode == "EDIT":
         obj.update_from_editmode()
@@ -35,7 +35,7 @@ def at_rest(obj: bpy.types.Object, scene: bpy.types.Scene, whole: bool = False) 
 
 @contextlib.contextmanager
 def as_shown(obj: bpy.types.Object, scene: bpy.types.Scene) -> Iterator[bpy.types.Object]:
-    """An object with all that moves it, a bake too; a passing copy of what is hidden, which Blender does not evaluate."""
+    """An object with everything that moves it, including a bake; a temporary copy of a hidden one, which Blender does not evaluate."""
     if obj.mode == "EDIT":
         obj.update_from_editmode()
     if obj.visible_get():
@@ -46,7 +46,7 @@ def as_shown(obj: bpy.types.Object, scene: bpy.types.Scene) -> Iterator[bpy.type
 
 
 def reshaped(obj: bpy.types.Object, scene: bpy.types.Scene, frames: np.ndarray) -> bool:
-    """Whether modifiers or shape keys of an object's own, not those of a bake, change its shape in its own space over some scene frames."""
+    """Whether an object's own modifiers or shape keys, not those of a bake, change its shape in object space over these scene frames."""
     before = scene.frame_current_final
     try:
         with at_rest(obj, scene) as still:
@@ -61,7 +61,7 @@ def reshaped(obj: bpy.types.Object, scene: bpy.types.Scene, frames: np.ndarray) 
 
 
 def _shape(obj: bpy.types.Object, scene: bpy.types.Scene, frame: float) -> np.ndarray:
-    """(V, 3) in the object's own space at a scene frame."""
+    """Evaluated vertices (V, 3) in object space at a scene frame."""
     scene.frame_set(int(frame // 1), subframe=float(frame % 1.0))
     mesh = obj.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
     found = np.empty((len(mesh.vertices), 3), dtype=np.float32)
@@ -81,7 +81,7 @@ def _passing_copy(obj: bpy.types.Object, scene: bpy.types.Scene) -> Iterator[bpy
 
 
 def own_copy(obj: bpy.types.Object) -> bpy.types.Object:
-    """A copy of a mesh object with mesh and animation of its own, not linked to any collection yet."""
+    """A copy of a mesh object with its own mesh and animation, not yet linked to a collection."""
     copy = obj.copy()
     copy.data = obj.data.copy()
     for owner in (copy, copy.data.shape_keys):
@@ -96,7 +96,7 @@ def own_copy(obj: bpy.types.Object) -> bpy.types.Object:
 
 
 def discard(obj: bpy.types.Object) -> None:
-    """Remove an object of `own_copy` with its mesh and keyframes."""
+    """Remove a copy made by `own_copy` with its mesh and keyframes."""
     mesh = obj.data
     owners = [obj, mesh.shape_keys] if mesh.shape_keys is not None else [obj]
     actions = [owner.animation_data.action for owner in owners if owner.animation_data is not None]

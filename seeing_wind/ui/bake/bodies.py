@@ -1,4 +1,4 @@
-"""Bodies of a re-simulation get their motion: on their own object where that can carry it, else on a copy that stands in for it."""
+"""Bake the motion of re-simulated bodies: onto their own object where possible, else onto a copy that replaces it in the scene."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ HIDDEN = "seeing_wind_replaced"
 def bake_body(
     scene: bpy.types.Scene, body: bpy.types.PropertyGroup, folder: Path, plan: Plan, force: bool
 ) -> tuple[bpy.types.Object, Baked]:
-    """Give one body of the edit its simulated motion as keyframes. Returns the object that carries it, and how.
+    """Bake the simulated motion of one body of the edit. Returns the object that carries it, and how it was baked.
 
-    A copy carries the motion where the object cannot: modifiers that change the number of vertices, shape keys of the user's, a shared or
-    linked mesh (the object is then hidden), or the recovered object, whose own motion is that of the clip.
+    A copy carries the motion, and the object is hidden, where modifiers change the number of vertices, the user made shape keys, or the
+    mesh is shared or linked. The recovered object gets a copy too, since its own motion is that of the clip.
 
     Args:
         folder: of the re-simulation's take; a point cache goes there too.
-        plan: how; its rate, cache and stamp are filled in here.
-        force: bake again what has not changed.
+        plan: how to bake; its rate, cache and stamp are filled in here.
+        force: bake again even if nothing has changed.
 
     Raises:
         TakeError: when the re-simulation has no such body, or the object is gone.
@@ -51,14 +51,14 @@ def bake_body(
 def _asked(
     scene: bpy.types.Scene, body: bpy.types.PropertyGroup, folder: Path, plan: Plan, force: bool
 ) -> tuple[bpy.types.Object, np.ndarray, Plan]:
-    """Whose motion it is, its vertices (T+1, V, 3) in the world [m], and the whole plan. Arguments and errors as of `bake_body`."""
+    """The body's source object, its vertices (T+1, V, 3) in the world [m], and the complete plan. Arguments and errors as `bake_body`."""
     take, settings = Take(folder), scene.seeing_wind
     arrays = simulated_motion(take, body.result)
     vertices, fps = arrays["vertices"] + np.asarray(settings.offset), float(arrays["fps"])
     source = settings.recovered_object if body.is_recovered else body.object
     if source is None or scene not in source.users_scene:
         raise TakeError(f"The object of {body.called} is gone.", "Take it off the list, or undo its deletion.")
-    smooth = 0 if arrays.get("shell", False) else plan.smooth  # a shell's vertices are its own: what ripples in it, it has
+    smooth = 0 if arrays.get("shell", False) else plan.smooth  # a shell is simulated at its own vertices: its ripples are real
     plan = dataclasses.replace(plan, fps=fps, cache=take.file(f"bodies/{body.result}"), smooth=smooth)
     plan = dataclasses.replace(plan, reshaped=not body.is_recovered and _reshaped(source, vertices, plan, scene))
     if not force:
@@ -67,23 +67,23 @@ def _asked(
 
 
 def _reshaped(source: bpy.types.Object, vertices: np.ndarray, plan: Plan, scene: bpy.types.Scene) -> bool:
-    """`reshaped`, asked only where keys of location and rotation come into question: the scene is played for it."""
+    """`reshaped`, called only where location and rotation keyframes are possible, since it plays through the scene."""
     asked = plan.way in (AUTO, TRANSFORM) and not bake_rigid.obstacle(source, mark_of(source) or {})
     return asked and reshaped(source, scene, baked_frames(len(vertices), plan, scene)[1])
 
 
 def _refuse_what_fails(scene: bpy.types.Scene, body: bpy.types.PropertyGroup, folder: Path, plan: Plan) -> None:
-    """Raise what `bake_body` would, before any body has changed: an error in the second leaves the first as it was, too."""
+    """Raise what `bake_body` would raise before any body is changed, so that an error in one body leaves all others untouched."""
     source, vertices, plan = _asked(scene, body, folder, plan, force=True)
     if not body.is_recovered and _fits(scene, source, vertices, plan):
         allowed(source, vertices, plan, scene)
-    else:  # a copy is made for it
+    else:  # it will be baked onto a copy
         baked_frames(len(vertices), plan, scene)
         check_file(plan)
 
 
 def clear_body(body: bpy.types.PropertyGroup) -> bool:
-    """Take the motion of one body away: its object is as before, a copy that stood in for it is removed. Returns whether there was any."""
+    """Remove the baked motion of one body: restore its object, and remove the copy that replaced it. Returns whether there was any."""
     copied = body.baked_copy is not None
     _remove_copy(body)
     source = None if body.is_recovered else body.object
@@ -97,7 +97,7 @@ def _stamp(vertices: np.ndarray, plan: Plan, unit: float, rate: str) -> str:
 def _carrier(
     scene: bpy.types.Scene, body: bpy.types.PropertyGroup, source: bpy.types.Object, vertices: np.ndarray, plan: Plan
 ) -> bpy.types.Object:
-    """The object that gets the motion: `source` or a copy, made now or by a former bake."""
+    """The object to bake onto: `source`, or a copy made now or by a former bake."""
     if not body.is_recovered and _fits(scene, source, vertices, plan):
         _remove_copy(body)
         return source
@@ -122,7 +122,7 @@ def _carrier(
 
 
 def _fits(scene: bpy.types.Scene, obj: bpy.types.Object, vertices: np.ndarray, plan: Plan) -> bool:
-    """Whether an object can carry a motion itself."""
+    """Whether the motion can be baked onto the object itself."""
     if obj.library is not None:
         return False
     if plan.way == TRANSFORM:
@@ -138,13 +138,13 @@ def _fits(scene: bpy.types.Scene, obj: bpy.types.Object, vertices: np.ndarray, p
 
 
 def _home(scene: bpy.types.Scene, obj: bpy.types.Object) -> bpy.types.Collection:
-    """A collection of this scene and this file that the object is in, else the scene's own."""
+    """A local collection of this scene that holds the object, else the scene's own collection."""
     ours = {scene.collection, *scene.collection.children_recursive}
     return next((each for each in obj.users_collection if each in ours and each.library is None), scene.collection)
 
 
 def _repeat_subdivision(source: bpy.types.Object, copy: bpy.types.Object) -> None:
-    """The subdivision that stays on top of the motion, on the copy too."""
+    """Add to the copy the subdivision modifiers that stay on top of the motion."""
     if mark_of(source) is not None:
         return
     for name in reversed(awake_on_top(source)):
@@ -160,7 +160,7 @@ def _hide(obj: bpy.types.Object) -> None:
 
 
 def _remove_copy(body: bpy.types.PropertyGroup) -> None:
-    """Remove the copy that stood in for a body's object, and show that object again."""
+    """Remove the copy that replaced a body's object, and show that object again."""
     copy, body.baked_copy = body.baked_copy, None
     _remove_stand_in(copy, body.object)
 
@@ -181,14 +181,15 @@ def _remove_stand_in(copy: bpy.types.Object | None, source: bpy.types.Object | N
 def bake_bodies(
     scene: bpy.types.Scene, name: str = "", force: bool = False, preview: bool | None = None
 ) -> list[tuple[bpy.types.Object, Baked]]:
-    """Bake all bodies of the last re-simulation, or the one whose body or object has this name.
+    """Bake all bodies of the last re-simulation, or only the body called `name`, or whose object is.
 
     Args:
-        force: bake again what has not changed.
-        preview: the motion of the preview, or that of the full result; None takes the full one where it is as new.
+        force: bake again even if nothing has changed.
+        preview: whether to bake the preview's motion or the full result's; None bakes the preview's where `goes_before` prefers it.
 
     Raises:
-        TakeError: when nothing is simulated yet, or the object of a body is gone.
+        TakeError: when nothing is simulated yet, the re-simulation has been replaced or is incomplete, or the object of a body is gone.
+        UsageError: as `bake_motion`.
     """
     settings = scene.seeing_wind
     bodies = [body for body in settings.bodies if body.result]
@@ -216,8 +217,8 @@ def bake_bodies(
 
 
 def clear_bodies(scene: bpy.types.Scene, name: str) -> int:
-    """Take the motion of all bodies away, or of the one of this name; where no body has any, of those that are no longer in the list.
-    Returns of how many."""
+    """Remove the baked motion of all bodies, or of the one called `name`; if no body has any, of objects whose bodies have left the list.
+    Returns the number of bodies cleared."""
     settings, left = scene.seeing_wind, [obj for obj in left_in(scene) if name in ("", obj.name, _stands_for(obj))]
     cleared = 0 if name and left else sum(clear_body(body) for body in _named(list(settings.bodies), name))
     settings.baked_digest = ""

@@ -20,11 +20,11 @@ from .shapes import key_time
 
 MODIFIER = "Seeing Wind Cache"
 ACTOR = "SeeingWindCache"
-"""What is written is called so, the object and its mesh."""
+"""Name, in the written file, of the object and its mesh."""
 
 
 def write_pc2(path: Path, vertices: np.ndarray) -> None:
-    """Vertices (T+1, V, 3) as a PC2 file: 32 bytes of header (little endian), then float32 coordinates."""
+    """Write vertices (T+1, V, 3) as a PC2 file: a 32-byte header (little endian), then float32 coordinates."""
     frames, count = vertices.shape[:2]
     with Take(path.parent).writing(path.name) as aside, open(aside, "wb") as handle:
         handle.write(struct.pack("<12siiffi", b"POINTCACHE2\0", 1, count, 0.0, 1.0, frames))
@@ -35,10 +35,10 @@ def write_cache(local: np.ndarray, cache: Path) -> Path:
     """Write vertices (T+1, V, 3) in the object's own coordinates as a PC2 file. Returns its path.
 
     Args:
-        cache: path of the file without suffix. Its content becomes part of the name, so that an undo finds the former file as it was.
+        cache: path without suffix. A digest of the content is added to the name, so that undo finds the former file unchanged.
 
     Raises:
-        TakeError: when it cannot be written.
+        TakeError: when the file cannot be written.
     """
     path = cache.with_name(f"{cache.name}-{_digest(local)}.pc2")
     write_pc2(path, local)
@@ -46,7 +46,7 @@ def write_cache(local: np.ndarray, cache: Path) -> Path:
 
 
 def show_pc2(obj: bpy.types.Object, path: Path, frames: np.ndarray) -> None:
-    """Give a mesh the motion of a PC2 file, with two keyframes of the frame that is shown: its frames stand at `frames` (T+1,)."""
+    """Play a PC2 file on a mesh, through two keyframes of the cache frame; its frames are shown at scene frames `frames` (T+1,)."""
     modifier = obj.modifiers.new(MODIFIER, "MESH_CACHE")
     modifier.name = MODIFIER
     modifier.cache_format, modifier.filepath = "PC2", shown_path(path)
@@ -61,16 +61,17 @@ def show_pc2(obj: bpy.types.Object, path: Path, frames: np.ndarray) -> None:
 
 
 def bake_file(obj: bpy.types.Object, local: np.ndarray, frames: np.ndarray, cache: Path, scene: bpy.types.Scene, way: str) -> None:
-    """Give a mesh the motion of an Alembic or USD file, which other programs read too.
+    """Write a motion to an Alembic or USD file, which other programs can read too, and play it on the mesh.
 
     Args:
-        local: (T+1, V, 3) in the object's own coordinates, shown at `frames`, which must be whole.
-        cache: path of the file without suffix. Its content becomes part of the name, as of `write_cache`.
+        local: (T+1, V, 3) in object coordinates.
+        frames: (T+1,) scene frames, which must be integers.
+        cache: path without suffix. A digest of the content is added to the name, as in `write_cache`.
         way: ALEMBIC or USD.
 
     Raises:
         UsageError: when Blender could not write the file.
-        TakeError: when there is no place for it.
+        TakeError: when the folder cannot be written to.
     """
     suffix, top, export = EXPORTS[way]
     path = cache.with_name(f"{cache.name}-{_digest(local, frames)}{suffix}")
@@ -91,13 +92,13 @@ def clear(obj: bpy.types.Object) -> None:
     remove_curves(obj, [modifier.path_from_id("eval_frame") if modifier.type == "MESH_CACHE" else ""])
     cache = getattr(modifier, "cache_file", None)
     obj.modifiers.remove(modifier)
-    # the operator that opens a cache file counts as a user for ever
+    # the operator that opened the cache file remains counted as a user
     if cache is not None and not bpy.data.user_map(subset={cache})[cache]:
         bpy.data.batch_remove([cache])
 
 
 def is_intact(obj: bpy.types.Object) -> bool:
-    """Whether the modifier is there and its file too."""
+    """Whether the modifier and its file still exist."""
     modifier = obj.modifiers.get(MODIFIER)
     if modifier is None:
         return False
@@ -106,7 +107,7 @@ def is_intact(obj: bpy.types.Object) -> bool:
 
 
 def shown_path(path: Path) -> str:
-    """A path relative to the .blend file where there is one, so that both can be moved together."""
+    """`path` relative to the .blend file if that is saved, so that both can be moved together."""
     if not bpy.data.filepath:
         return str(path)
     try:
@@ -120,7 +121,7 @@ def _digest(*arrays: np.ndarray) -> str:
 
 
 def _alembic(path: Path, frames: np.ndarray, scene: bpy.types.Scene) -> None:
-    # as_background_job would return before the file is there
+    # a background job would return before the file is written
     bpy.ops.wm.alembic_export(
         filepath=str(path), selected=True, start=int(frames[0]), end=int(frames[-1]), as_background_job=False, uvs=False,
         normals=False, evaluation_mode="VIEWPORT",
@@ -128,7 +129,7 @@ def _alembic(path: Path, frames: np.ndarray, scene: bpy.types.Scene) -> None:
 
 
 def _usd(path: Path, frames: np.ndarray, scene: bpy.types.Scene) -> None:
-    before = scene.frame_start, scene.frame_end  # the range of the scene is that of the file
+    before = scene.frame_start, scene.frame_end  # the exporter takes the file's range from the scene
     scene.frame_start, scene.frame_end = int(frames[0]), int(frames[-1])
     try:
         if scene.frame_start != int(frames[0]):
@@ -143,13 +144,13 @@ def _usd(path: Path, frames: np.ndarray, scene: bpy.types.Scene) -> None:
 
 
 EXPORTS = {ALEMBIC: (".abc", "", _alembic), USD: (".usdc", "/root", _usd)}
-"""Of each way the suffix of its file, what is above the object in it, and what writes the selected object into it, which is given path,
-frames (T+1,) of its clip frames, and scene."""
+"""For each way: the file's suffix, the path above the object in it, and the function that exports the selected object; its arguments are
+the file's path, the scene frames (T+1,) and the scene."""
 
 
 @contextlib.contextmanager
 def _acting(obj: bpy.types.Object, local: np.ndarray, frames: np.ndarray, scene: bpy.types.Scene) -> Iterator[None]:
-    """A passing object at the origin, alone selected, that moves by shape keys: Blender writes what it displays."""
+    """Add a temporary object at the origin that moves by shape keys, and select only it, since Blender exports what it displays."""
     mesh = obj.data.copy()
     mesh.name = ACTOR
     actor = bpy.data.objects.new(ACTOR, mesh)
@@ -176,7 +177,7 @@ def _acting(obj: bpy.types.Object, local: np.ndarray, frames: np.ndarray, scene:
 
 
 def _show_file(obj: bpy.types.Object, path: Path, inside: str) -> None:
-    """Give a mesh the motion of the object that is called so inside an Alembic or USD file."""
+    """Play on a mesh the motion of the object at the path `inside` an Alembic or USD file."""
     before = set(bpy.data.cache_files)
     bpy.ops.cachefile.open(filepath=str(path))
     cache = next(each for each in bpy.data.cache_files if each not in before)

@@ -1,7 +1,7 @@
-"""A simulated mesh as keyframes, in the way that suits it. The file then plays without this add-on and without the engine.
+"""Bake the motion of a simulated mesh in the way that suits it. The file then plays without this extension and the engine.
 
-Absolute shape keys with a keyed evaluation time are the default. A body that stays rigid gets keys of location and rotation instead; a
-motion too large for a .blend file goes into a point cache beside it (PC2, or Alembic where the build has it).
+Absolute shape keys with a keyed evaluation time are the default. A body that stays rigid gets location and rotation keyframes instead; a
+motion too large for the .blend file goes into a point cache (PC2) beside it. Alembic and USD files are used on request only.
 """
 
 from __future__ import annotations
@@ -22,24 +22,25 @@ from .plan import ALEMBIC, AUTO, MARK, POINT_CACHE, SHAPE_KEYS, TRANSFORM, USD, 
 from .smooth import smoothed
 
 LARGE = 48_000_000
-"""Bytes of coordinates beyond which a point cache beside the file is better than shape keys inside it: 60 frames of 67000 vertices."""
+"""Bytes of coordinates above which a point cache beside the file is better than shape keys in it: 60 frames of 67000 vertices."""
 
 
 def bake_motion(obj: bpy.types.Object, vertices: np.ndarray, plan: Plan, scene: bpy.types.Scene | None = None) -> Baked:
-    """Give a mesh object the motion of its vertices; a former bake is replaced.
+    """Bake the motion of its vertices onto a mesh object, replacing a former bake.
 
-    The object's modifiers are put to sleep, since the simulation has seen their effect already (`clear_bake` wakes them); beside keys of
-    location and rotation only where they move it. Subdivision at the end of the stack, and modifiers that were added after a former bake,
-    stay on top of the motion. The mesh itself stays what it was.
+    The object's modifiers are switched off, since the simulated motion already contains their effect (`clear_bake` switches them on again);
+    with location and rotation keyframes, only if they deform the object over time. Subdivision at the end of the stack, and modifiers added
+    after a former bake, stay on top of the motion. The mesh itself is unchanged.
 
     Args:
-        obj: a mesh object with V vertices (any number for keys of location and rotation); it may be moving itself, its motion is taken out.
+        obj: a mesh object with V vertices (any number for location and rotation keyframes); if it moves itself, that motion is removed.
         vertices: (T+1, V, 3) in the world [m].
+        plan: how to bake.
         scene: for units and frame rate; by default the context's.
 
     Raises:
-        UsageError: for anything but a mesh, other vertex counts, values that are not finite, shape keys of the user's, a range without two
-            frames, a way that this object or this build of Blender cannot go.
+        UsageError: for an object that is no mesh or has another vertex count or shape keys of its own; for values that are not finite;
+            for a range of fewer than two frames; and for a way that this object or this build of Blender does not support.
     """
     scene = scene or bpy.context.scene
     vertices = np.asarray(vertices, dtype=np.float64)
@@ -55,7 +56,7 @@ def bake_motion(obj: bpy.types.Object, vertices: np.ndarray, plan: Plan, scene: 
     else:
         vertices = smoothed(vertices, _edges(obj), fit, plan.smooth)
         local = _in_object_space(obj, vertices[chosen] / metres_per_unit(scene), frames, scene)
-        # a full disk shows here, while the object still has its former bake
+        # written first: if the disk is full, the object keeps its former bake
         written = bake_cache.write_cache(local, plan.cache) if way == POINT_CACHE else None
         clear_bake(obj)
         record["slept"] = _put_to_sleep(obj, on_top)
@@ -76,7 +77,7 @@ def bake_motion(obj: bpy.types.Object, vertices: np.ndarray, plan: Plan, scene: 
 def allowed(
     obj: bpy.types.Object, vertices: np.ndarray, plan: Plan, scene: bpy.types.Scene
 ) -> tuple[np.ndarray, np.ndarray, bake_rigid.RigidFit, str]:
-    """What `bake_motion` would do: clip frames and scene frames of the keys, the nearest rigid motion, and the way. Raises as it does."""
+    """What `bake_motion` would do: clip frames and scene frames of the keys, nearest rigid motion, and way. Raises the same errors."""
     _check_motion(obj, vertices)
     chosen, frames = baked_frames(len(vertices), plan, scene)
     keyed = bake_rigid.fit_for(obj, vertices, plan.reshaped, mark_of(obj) or {}, metres_per_unit(scene))
@@ -100,9 +101,9 @@ def bake_shape_keys(
 
 
 def clear_bake(obj: bpy.types.Object) -> bool:
-    """Take a former bake from an object and wake its modifiers. Returns whether there was one; shape keys of the user's stay.
+    """Remove a bake from an object and switch its modifiers on again. Returns whether there was one; the user's own shape keys stay.
 
-    Keyframes that the user has changed go with the bake. Files of a point cache stay, for an undo may need them.
+    Keyframes of the bake that the user has changed are removed too. Files of a point cache stay, since undo may need them.
     """
     record = mark_of(obj)
     if record is None:
@@ -119,7 +120,7 @@ def clear_bake(obj: bpy.types.Object) -> bool:
 
 
 def is_intact(obj: bpy.types.Object) -> bool:
-    """Whether the bake that the mark speaks of is still there: the user may have deleted keys, modifier or file."""
+    """Whether the bake that the object's mark records still exists: the user may have deleted keys, modifier or file."""
     record = mark_of(obj)
     if record is None:
         return False
@@ -133,7 +134,7 @@ def is_intact(obj: bpy.types.Object) -> bool:
 def awake_on_top(obj: bpy.types.Object) -> list[str]:
     """Names of the modifiers that act on top of a simulated motion instead of being part of what is simulated.
 
-    These are the subdivision surfaces at the end of the stack, and on a baked object all modifiers that are awake.
+    These are the subdivision surfaces at the end of the stack; on an object baked to vertices, all modifiers that are switched on.
     """
     if mark_of(obj) is not None and mark_of(obj)["way"] != TRANSFORM:
         return [modifier.name for modifier in obj.modifiers if modifier.show_viewport and modifier.name != bake_cache.MODIFIER]
@@ -148,10 +149,10 @@ def awake_on_top(obj: bpy.types.Object) -> list[str]:
 def baked_copy(
     obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph, name: str, collection: bpy.types.Collection
 ) -> bpy.types.Object:
-    """A copy of an object as it is displayed, its modifiers applied: what to bake to where modifiers make vertices, or keys are in use.
+    """A copy of an object as displayed, with modifiers applied: the target of a bake where modifiers add vertices, or shape keys exist.
 
     Args:
-        obj: a mesh object; its transform stays the copy's.
+        obj: a mesh object; the copy has the same world transform.
         depsgraph: evaluated at the frame whose shape is wanted.
         name: of the copy.
         collection: where to link it.
@@ -197,19 +198,19 @@ def _check_mesh(obj: bpy.types.Object, simulated: int) -> None:
 
 
 def _has(obj: bpy.types.Object, stamp: str) -> bool:
-    """Whether an object has the very bake of that stamp already."""
+    """Whether an object already has the bake with this stamp, intact."""
     return bool(stamp) and is_intact(obj) and mark_of(obj)["stamp"] == stamp
 
 
 def _edges(obj: bpy.types.Object) -> np.ndarray:
-    """(E, 2) of an object's mesh."""
+    """Edges (E, 2) of an object's mesh."""
     found = np.empty(2 * len(obj.data.edges), dtype=np.int32)
     obj.data.edges.foreach_get("vertices", found)
     return found.reshape(-1, 2)
 
 
 def baked_frames(count: int, plan: Plan, scene: bpy.types.Scene) -> tuple[np.ndarray, np.ndarray]:
-    """Indices of the clip frames to bake, and their scene frames. UsageError for a range without two of them."""
+    """Indices of the clip frames to bake, and their scene frames. Raises UsageError for a range with fewer than two of them."""
     stride = scene.render.fps / scene.render.fps_base / plan.fps if plan.frames_follow_time else 1.0
     frames = plan.frame_start + stride * np.arange(count)
     if plan.frames is None:
@@ -225,7 +226,7 @@ def baked_frames(count: int, plan: Plan, scene: bpy.types.Scene) -> tuple[np.nda
 
 
 def way_for(obj: bpy.types.Object, fit: bake_rigid.RigidFit | None, vertices: np.ndarray, plan: Plan) -> str:
-    """How the motion is kept: what the plan asks for, or for AUTO what suits it. UsageError for what cannot be."""
+    """The way to bake: as the plan asks or, for AUTO, as suits the motion. Raises UsageError for an impossible way."""
     obstacle = bake_rigid.obstacle(obj, mark_of(obj) or {}) or ("" if fit is not None else "its shape keys or modifiers move it")
     rigid = fit is not None and fit.residual <= plan.rigid_tolerance * fit.size
     if plan.way == TRANSFORM:
@@ -246,7 +247,7 @@ def way_for(obj: bpy.types.Object, fit: bake_rigid.RigidFit | None, vertices: np
 
 
 def check_file(plan: Plan) -> None:
-    """UsageError where a motion is to go into a file that this build of Blender cannot write, or that has no place."""
+    """Raise UsageError for a way whose file this build of Blender cannot write, or that has no folder."""
     for kind, here in ((ALEMBIC, bpy.app.build_options.alembic), (USD, bpy.app.build_options.usd)):
         if plan.way == kind and not here:
             raise UsageError(f"This build of Blender has no {kind.title() if kind == ALEMBIC else kind}.", "Bake to a point cache (PC2).")
@@ -255,7 +256,7 @@ def check_file(plan: Plan) -> None:
 
 
 def _put_to_sleep(obj: bpy.types.Object, on_top: list[str]) -> list[list[Any]]:
-    """Switch off the modifiers whose effect is in the simulated motion. Returns name and former visibility of each."""
+    """Switch off the modifiers whose effect the simulated motion contains. Returns name and former visibility of each."""
     asleep = []
     for modifier in obj.modifiers:
         if modifier.show_viewport and modifier.name not in on_top:
@@ -272,7 +273,7 @@ def _wake(obj: bpy.types.Object, asleep: list[list[Any]]) -> None:
 
 
 def _in_object_space(obj: bpy.types.Object, vertices: np.ndarray, frames: np.ndarray, scene: bpy.types.Scene) -> np.ndarray:
-    """World coordinates (T+1, V, 3) in scene units -> the object's own without any bake, where it stands at each clip frame."""
+    """World coordinates (T+1, V, 3) in scene units -> object coordinates, by the unbaked object's transform at each of `frames` (T+1,)."""
     mark, lineage = mark_of(obj), [obj]
     while lineage[-1].parent is not None:
         lineage.append(lineage[-1].parent)

@@ -25,7 +25,7 @@ class SEEING_WIND_OT_bake(DirectOperator, bpy.types.Operator):
     force: BoolProperty(name="Bake All Again", options={"SKIP_SAVE"}, description="Also what has not changed since the last bake")
 
     def act(self, context):
-        """All bodies of the last re-simulation, or one."""
+        """Bake all bodies of the last re-simulation, or one."""
         from .bodies import bake_bodies  # needs NumPy
 
         scene, settings = context.scene, context.scene.seeing_wind
@@ -50,7 +50,7 @@ class SEEING_WIND_OT_clear_bake(DirectOperator, bpy.types.Operator):
     object: StringProperty(name="Object", options={"SKIP_SAVE"}, description="Name of an inserted object; empty: all bodies")
 
     def act(self, context):
-        """All bodies of the edit, or one."""
+        """Clear all bodies of the edit, or one."""
         from .bodies import clear_bodies  # needs NumPy
 
         count = clear_bodies(context.scene, self.object)

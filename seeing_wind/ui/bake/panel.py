@@ -11,7 +11,7 @@ class BakeTab(Tab):
     step = "bake"
 
     def fill(self, context, layout):
-        """How, which frames, go."""
+        """Draw the way, the frames, and the buttons."""
         column, settings = columns(layout), context.scene.seeing_wind
         column.prop(settings, "bake_way")
         first, last = settings.bake_frames
@@ -26,7 +26,7 @@ class BakeTab(Tab):
 
 
 def _draw_how(column, settings) -> None:
-    """Which frames, and how near to the simulation."""
+    """Draw the tolerance of rigid bodies, the smoothing, and the range of frames."""
     if settings.bake_way in ("AUTO", "TRANSFORM"):
         column.prop(settings, "bake_tolerance")
     if settings.bake_way != "TRANSFORM":

@@ -9,7 +9,7 @@ from ..property_kinds import KEPT, WAYS, changed, choice, number, toggle
 
 
 class BakeSettings:
-    """How motion is kept, and which part of it."""
+    """How to bake, and which frames."""
 
     bake_way: choice("Keyframes", "How the motion is kept", WAYS)
     bake_use_frames: toggle("Part of the Motion", "Bake only some of the scene's frames")

@@ -1,4 +1,4 @@
-"""Bodies that stay rigid: the rigid motion nearest to a simulation, and its keys of location and rotation."""
+"""Bodies that stay rigid: the rigid motion nearest to a simulation, as location and rotation keyframes."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _TURNS = ("rotation_euler", "rotation_quaternion", "rotation_axis_angle")
 
 @dataclass(frozen=True)
 class RigidFit:
-    """The rigid motion that is nearest to a motion of vertices."""
+    """The rigid motion nearest to a motion of vertices."""
 
     rotation: np.ndarray
     """(T+1, 3, 3), from frame 0."""
@@ -30,7 +30,7 @@ class RigidFit:
 
 
 def rigid_fit(vertices: np.ndarray) -> RigidFit:
-    """Fit each frame of vertices (T+1, V, 3) [m] by a rotation and translation of frame 0, least squares.
+    """Least-squares fit of a rotation and translation of frame 0 to each frame of vertices (T+1, V, 3) [m].
 
     Kabsch's method: W. Kabsch, A solution for the best rotation to relate two sets of vectors, Acta Cryst. A32 (1976).
     """
@@ -48,12 +48,13 @@ def rigid_fit(vertices: np.ndarray) -> RigidFit:
 
 
 def fit_for(obj: bpy.types.Object, vertices: np.ndarray, reshaped: bool, mark: dict[str, Any], unit: float) -> RigidFit | None:
-    """The rigid motion that keys of location and rotation give an object; None where they cannot, for its shape keys move it, too.
+    """The rigid motion for an object's location and rotation keyframes; None where these cannot carry the motion: the object is
+    `reshaped`, and its mesh has another vertex count or shape keys of its own.
 
     Args:
-        vertices: (T+1, V, 3) [m], which frame 0 of the object is like.
-        reshaped: its modifiers move it and are put to sleep, so that it is its mesh which is moved to where the vertices are.
-        mark: of its present bake.
+        vertices: (T+1, V, 3) [m]; unless `reshaped`, the object at frame 0 has this shape.
+        reshaped: its modifiers deform it over time and will be switched off, so the fit starts from the plain mesh.
+        mark: record of its present bake.
         unit: metres per unit of the scene.
     """
     if not reshaped:
@@ -69,7 +70,7 @@ def fit_for(obj: bpy.types.Object, vertices: np.ndarray, reshaped: bool, mark: d
 
 
 def obstacle(obj: bpy.types.Object, mark: dict[str, Any]) -> str:
-    """Why an object cannot be moved by keys of its own location and rotation; "" when it can."""
+    """Why an object cannot be moved by location and rotation keyframes; "" when it can."""
     if obj.library is not None:
         return "it is linked from another file"
     if obj.constraints:
@@ -97,8 +98,10 @@ def bake(obj: bpy.types.Object, fit: RigidFit, clip_frames: np.ndarray, frames: 
     """Key location and rotation (quaternion) at each frame. Returns what `clear` needs to restore the object.
 
     Args:
-        obj: as it stands at frame 0.
-        clip_frames: indices of the frames to key; frames: the scene frames at which to key them.
+        obj: in its pose at frame 0.
+        fit: the motion.
+        clip_frames: indices of the frames to key.
+        frames: the scene frames at which to key them.
         unit: metres per unit of the scene.
     """
     bpy.context.view_layer.update()
@@ -116,10 +119,10 @@ def bake(obj: bpy.types.Object, fit: RigidFit, clip_frames: np.ndarray, frames: 
         motion = Matrix(fit.rotation[clip_frame].tolist()).to_4x4()
         motion.translation = fit.translation[clip_frame] / unit
         placed = frame_of_parent.inverted_safe() @ motion @ frame_of_parent @ basis
-        # not by decompose(), which takes a mirrored axis for a point reflection
+        # not decompose(), which turns one mirrored axis into a point reflection
         location, rotation = placed.translation.copy(), (placed @ unscaled).to_quaternion()
         if previous is not None:
-            # the same turn has two quaternions; the nearer one keeps the curve from swinging round between frames
+            # q and -q are the same rotation; the nearer one avoids a long turn between frames
             rotation.make_compatible(previous)
         obj.location, obj.rotation_quaternion, previous = location, rotation, rotation
         for path in PATHS:
@@ -131,7 +134,7 @@ def bake(obj: bpy.types.Object, fit: RigidFit, clip_frames: np.ndarray, frames: 
 def clear(obj: bpy.types.Object, former: dict[str, Any]) -> None:
     """Remove the keys and put the object back where it stood."""
     remove_curves(obj, PATHS)
-    # a change of mode converts the rotation from one to the other: the former numbers come last
+    # changing the rotation mode converts the rotation, so the former values are restored last
     obj.rotation_mode, obj.location = former["mode"], former["location"]
     for name, turn in former["turns"].items():
         setattr(obj, name, turn)

@@ -1,4 +1,4 @@
-"""Absolute shape keys with a keyed evaluation time: a motion that lives in the .blend file and plays anywhere."""
+"""Absolute shape keys with a keyframed evaluation time: the motion is stored in the .blend file and plays anywhere."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from .animation import curves_of, make_linear
 
 
 def bake(obj: bpy.types.Object, local: np.ndarray, clip_frames: np.ndarray, frames: np.ndarray) -> None:
-    """One absolute key per frame, and two linear keyframes of the evaluation time from the first shape to the last.
+    """Add one absolute shape key per frame, and two linear keyframes of the evaluation time from the first shape to the last.
 
     Args:
         obj: a mesh object without shape keys.
-        local: (P, V, 3) in the object's own coordinates.
-        clip_frames: (P,) numbers, for the keys' names.
+        local: vertices (P, V, 3) in object coordinates.
+        clip_frames: (P,) frame numbers, for the keys' names.
         frames: (P,) scene frames, evenly spaced.
     """
     for clip_frame, coordinates in zip(clip_frames, local):
@@ -27,7 +27,7 @@ def bake(obj: bpy.types.Object, local: np.ndarray, clip_frames: np.ndarray, fram
 
 
 def key_time(key: bpy.types.Key, frames: np.ndarray) -> None:
-    """Let shape keys follow one another as absolute ones, over scene frames (P,)."""
+    """Make shape keys absolute and play them in order over scene frames (P,)."""
     key.use_relative = False
     for frame, block in ((frames[0], key.key_blocks[0]), (frames[-1], key.key_blocks[-1])):
         key.eval_time = block.frame
@@ -36,20 +36,20 @@ def key_time(key: bpy.types.Key, frames: np.ndarray) -> None:
 
 
 def clear(obj: bpy.types.Object) -> None:
-    """Remove all shape keys with their keyframes; the mesh itself is as it was before."""
+    """Remove all shape keys with their keyframes; the mesh itself is unchanged."""
     key = obj.data.shape_keys
     if key is None:
         return
     action, uid = key.animation_data.action if key.animation_data else None, key.session_uid
     obj.shape_key_clear()
-    # Blender counts a user too many of the keys of a copied mesh, and would keep them without an owner: a file with such keys fails to save
+    # Blender counts one user too many for the keys of a copied mesh and would keep them ownerless; a file with such keys cannot be saved
     bpy.data.batch_remove([each for each in bpy.data.shape_keys if each.session_uid == uid])
     if action is not None and action.users == 0:
         bpy.data.actions.remove(action)
 
 
 def is_intact(obj: bpy.types.Object) -> bool:
-    """Whether the keys are there, and their time is keyed."""
+    """Whether the shape keys exist and their evaluation time is keyframed."""
     key = obj.data.shape_keys
     return key is not None and bool(evaluation_time_curves(key))
 

@@ -1,9 +1,9 @@
-"""What a mesh cannot show as a bend is taken out of its motion: ripples of one edge's length, which render as quilted triangles.
+"""Remove from a motion what its mesh is too coarse to show as a bend: ripples as short as an edge, which render as a quilt of triangles.
 
-Taubin's filter (A signal processing approach to fair surface design, SIGGRAPH 1995): each pass draws every vertex towards the mean of
-its neighbours and a little more than back again, so that ripples go and the shape does not shrink.
+Taubin's filter (A signal processing approach to fair surface design, SIGGRAPH 1995): each pass moves every vertex towards the mean of
+its neighbours and then back by slightly more, which removes ripples without shrinking the shape.
 
-It works on the displacement from the nearest rigid motion: corners and creases that the mesh has at rest stay.
+The filter acts on the displacement from the nearest rigid motion, so corners and creases of the rest shape stay.
 """
 
 from __future__ import annotations
@@ -13,23 +13,23 @@ import numpy as np
 from .rigid import RigidFit
 
 TOWARDS, BACK = 0.5, -0.53
-"""Of one pass: a ripple from vertex to vertex goes almost altogether, one over 4 edges loses 7 %, over 8 edges half a percent. Four passes
-left 27 % of what noise does to the shading of a sheet."""
+"""Factors of one pass. It removes a ripple from vertex to vertex almost completely, 7 % of one over 4 edges, and 0.5 % of one over 8 edges.
+Four passes left 27 % of the effect of noise on the shading of a sheet."""
 HELD = 1e-7
-"""Of the body's size: what moves less than this over the whole motion is held, and stays."""
+"""Fraction of the body's size: a vertex that moves less than this in the whole motion counts as held and is not smoothed."""
 
 
 def smoothed(vertices: np.ndarray, edges: np.ndarray, fit: RigidFit, passes: int) -> np.ndarray:
-    """The motion of a mesh without its shortest ripples.
+    """Remove the shortest ripples from the motion of a mesh.
 
     Args:
         vertices: (T+1, V, 3) [m].
         edges: (E, 2) of the mesh.
         fit: the rigid motion nearest to it.
-        passes: 0 leaves it as it is.
+        passes: number of passes; 0 changes nothing.
 
     Returns:
-        (T+1, V, 3) [m]; frame 0, and vertices that are held, as they were.
+        (T+1, V, 3) [m]; frame 0 and held vertices are unchanged.
     """
     if not passes or not len(edges):
         return vertices
@@ -45,9 +45,9 @@ def smoothed(vertices: np.ndarray, edges: np.ndarray, fit: RigidFit, passes: int
 
 
 def _weights(rest: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """One weight per directed edge (2 E, 2), so that the weighted differences to the neighbours are nothing for every linear displacement.
+    """Weights (2 E,) of directed edges (2 E, 2) for which the weighted differences to the neighbours vanish for any linear displacement.
 
-    These are even weights less the part that the gradient over the neighbours explains. Even ones alone would pull a border inwards.
+    They are uniform weights minus the part explained by a linear fit over the neighbours. Uniform weights would pull a border inwards.
     """
     start, end = edges.T
     step, count = rest[end] - rest[start], np.maximum(np.bincount(start, minlength=len(rest)), 1.0)
@@ -59,7 +59,7 @@ def _weights(rest: np.ndarray, edges: np.ndarray) -> np.ndarray:
 
 
 def _towards_neighbours(values: np.ndarray, edges: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Weighted differences (T+1, V, 3) from each vertex to its neighbours."""
+    """Weighted sums (T+1, V, 3) of the differences from each vertex to its neighbours."""
     start, end = edges.T
     found = np.empty_like(values)
     for t, frame in enumerate(values):

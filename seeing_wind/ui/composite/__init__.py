@@ -4,13 +4,13 @@ operators   Set Up Composite, Render over Clip
 properties  its settings: the panorama that lights it
 panel       the panel *Composite*
 light       the clip's sun and sky
-hdri        a panorama in their place
-catchers    what catches shadows: floor, wall, obstacles
-mattes      the object's outline as images, the card that holds out by them
-film/       the clip's grain, how soft it is, its lens and what that is focused on
-overscan    a wider render where the lens draws in what is beyond the borders
+hdri        a panorama in place of sun and sky
+catchers    shadow catchers: floor, wall, obstacles
+mattes      the object's outline as images, and the holdout card that uses them
+film/       the clip's grain, softness, lens distortion and focus
+overscan    a wider render, where the lens distortion shows points beyond the undistorted frame
 nodes       the compositor, in Blender 4.5 and 5
-own         what an earlier set-up has left in the scene, and what of its camera and render settings changes
-parts       what a composite is put together from, and what of it is missing
-composite   setting all of it up, and rendering
+own         finds objects of an earlier set-up, and lists and makes changes of camera and render settings
+parts       the parts of a composite, and checks for missing ones
+composite   sets all of it up, and renders
 """

@@ -1,4 +1,4 @@
-"""What catches the edit's shadows: a floor, a wall behind it, and whatever its bodies run into."""
+"""Shadow catchers of the edit: a floor, a wall behind it, and its obstacles."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ REACH = 4.0
 
 
 def set_catchers(scene: bpy.types.Scene, floor: bool, wall: bool) -> list[str]:
-    """Make floor and wall, or hide them; let every obstacle of the edit catch shadows. Returns what catches, in words.
+    """Add or hide floor and wall, and make every obstacle of the edit a shadow catcher. Returns the catchers, in words.
 
-    Where the user has put them, they stay: moved and turned, either stands for any flat thing that the clip shows.
+    An existing floor or wall keeps the pose that the user gave it, so that it can stand for any flat surface in the clip.
 
     Raises:
-        UsageError: when there is nothing that could throw a shadow.
+        UsageError: when no object could cast a shadow.
     """
     said = []
     for name, wanted, words in ((FLOOR, floor, "a floor that catches shadows"), (WALL, wall, "a wall that catches shadows")):
@@ -36,7 +36,7 @@ def set_catchers(scene: bpy.types.Scene, floor: bool, wall: bool) -> list[str]:
 
 
 def _plane(scene: bpy.types.Scene, name: str) -> bpy.types.Object:
-    """Level under everything, or upright behind it as the camera looks."""
+    """Add the floor, level below all bodies, or the wall, upright behind them as seen from the camera."""
     corners = _corners(scene)
     low, high = corners.min(axis=0), corners.max(axis=0)
     size = float((high - low).max()) or 1.0
@@ -47,20 +47,20 @@ def _plane(scene: bpy.types.Scene, name: str) -> bpy.types.Object:
     if name == FLOOR:
         obj.location = (middle[0], middle[1], low[2])
     else:
-        away = np.array(scene.camera.matrix_world.to_3x3())[:, 2] * [-1.0, -1.0, 0.0]  # level: walls are upright
+        away = np.array(scene.camera.matrix_world.to_3x3())[:, 2] * [-1.0, -1.0, 0.0]  # horizontal, since walls are upright
         away = away / np.linalg.norm(away) if np.linalg.norm(away) > 1e-3 else np.array([0.0, 1.0, 0.0])
         behind = float(((corners - middle) @ away).max()) + 0.05 * size
         obj.location = middle + behind * away
         obj.rotation_euler = (0.5 * np.pi, 0.0, float(np.arctan2(away[1], away[0])) - 0.5 * np.pi)
     obj.is_shadow_catcher, obj.display_type = True, "WIRE"
-    # white as it is, it would light the edit from below
+    # otherwise the white plane would reflect light onto the edit
     obj.visible_diffuse = obj.visible_glossy = obj.visible_transmission = False
     scene.collection.objects.link(obj)
     return obj
 
 
 def _corners(scene: bpy.types.Scene) -> np.ndarray:
-    """Bounding boxes (8 N, 3) of what is rendered, over the clip's range."""
+    """Corners (8 N, 3) of the bounding boxes of bodies and recovered object, at five frames of the scene's range."""
     settings, found, at = scene.seeing_wind, [], scene.frame_current
     bodies = [body.baked_copy or (settings.recovered_object if body.is_recovered else body.object) for body in settings.bodies]
     objects = [obj for obj in (*bodies, settings.recovered_object) if obj is not None]

@@ -1,8 +1,8 @@
 """The edit over the clip: camera background, holdout and shadow catcher, clean plate, light and compositor, in Blender 4.5 and 5.x.
 
-The image is put together from two layers. Behind is the clip, or, where the clip's own object was simulated anew and must not be seen
-twice, the moving plate: the clip with the clean plate over the object's outline. In front is the render with a transparent film, with the
-clip's grain. Where the object is still in the clip, a card at its distance with its outline cuts what flies behind it; floor, wall and
+The image has two layers. The background is the clip or, if the clip's own object was re-simulated and must not appear twice, the moving
+plate: the clip with the clean plate over the object's outline. In front of it is the render, with a transparent film and the clip's grain.
+If the object is still visible in the clip, a holdout card at its distance, cut to its outline, hides what passes behind it; floor, wall and
 obstacles catch shadows (Cycles only).
 """
 
@@ -45,36 +45,36 @@ than that, and the second is all that its width, four times as much, can be."""
 
 @dataclass(frozen=True)
 class Composite:
-    """What was set up."""
+    """A record of what was set up."""
 
     behind: str
     """"clip", "plate" (a still frame), or "moving plate"."""
     catchers: tuple[str, ...]
-    """What catches shadows, in words."""
+    """The shadow catchers, in words."""
     held_out: str
-    """What cuts the edit where the object stands before it: "outline", "body", or "" where the object is not in the frame."""
+    """What hides the edit behind the clip's object: "outline", "body", or "" if the object is not visible in the background."""
     bent: bool
-    """Whether the clip's lens bends straight lines, and with it what is rendered."""
+    """Whether the render is distorted like the clip's lens."""
     grain: float
-    """Of the clip, on what is rendered: standard deviation of display values in 0..1."""
+    """Grain of the clip added to the render: standard deviation of display values in 0..1."""
     softness: float
-    """Of the render, as the clip's: standard deviation of the blur [pixels of the render]; 0: Blender's own filter."""
+    """Blur of the render, matched to the clip: standard deviation [pixels of the render]; 0: Blender's default filter."""
     light: str
-    """What lights it for want of a light of the user's; "" where the scene has its own."""
+    """The light that was set up, in words; "" if the scene is lit by the user's own lights."""
     shutter: float
-    """Of the motion blur [frames]; 0: none."""
+    """Shutter time of the motion blur [frames]; 0: none."""
     fstop: float
-    """Of the depth of field; 0: none."""
+    """F-stop of the depth of field; 0: none."""
     astray: str
-    """That the camera stands elsewhere than the clip's did, and what to do; "" where it does not."""
+    """A warning if frame or camera do not match the clip's, and what to do; see `astray`. "" if they match."""
     changed: tuple[str, ...]
-    """What of the camera and of the scene's render settings is otherwise now, in words."""
+    """Changes of the camera's and the scene's render settings, in words."""
     lacking: tuple[str, ...]
-    """What the engine and the colors that the scene keeps take away."""
+    """What the composite lacks because the scene keeps its render engine or view settings."""
 
     @property
     def warnings(self) -> list[str]:
-        """What is wrong with it."""
+        """What is wrong with the composite."""
         return [each for each in (self.astray, *self.lacking) if each]
 
     def __str__(self) -> str:
@@ -98,17 +98,17 @@ def set_up(
 
     Args:
         scene: with the results of a recovery.
-        plate: CLIP, PLATE, or AUTO: the plate when the clip's object is part of the edit.
-        floor, wall: add a plane under, or behind, everything that catches shadows; obstacles of the edit always do.
-        samples: of Cycles, per pixel; None leaves the scene's own.
-        shutter: how long the camera's shutter was open [frames]: 0.5 is a shutter of 180 degrees; 0 renders no motion blur.
-        grain, soft: factors on the clip's own noise and blur, which are measured.
-        fstop: of the clip's lens, which is focused on its object; 0 leaves everything sharp.
+        plate: background: CLIP, PLATE, or AUTO, which takes the plate if the clip's object is part of the edit.
+        floor, wall: add a shadow catcher below, or behind, everything; obstacles of the edit always catch shadows.
+        samples: Cycles samples per pixel; None keeps the scene's.
+        shutter: time that the camera's shutter was open [frames]: 0.5 is a 180-degree shutter; 0 renders no motion blur.
+        grain, soft: factors on the measured noise and blur of the clip.
+        fstop: of the clip's lens, which focuses on the clip's object; 0 renders everything sharp.
         show_field: render the arrows too.
         use_cycles, use_standard: change the scene's engine to Cycles, and its view transform to Standard.
 
     Raises:
-        SeeingWindError: what `check_parts` finds missing, all of it; a composite that is set up already stays as it is.
+        SeeingWindError: everything that `check_parts` finds missing; an existing composite is then unchanged.
     """
     settings, clip = scene.seeing_wind, scene.active_clip
     again = any(body.is_recovered for body in settings.bodies)
@@ -116,7 +116,7 @@ def set_up(
     check_parts(scene, use_plate, fstop)
     take = take_of(settings)
     plate_image = frame_image(PLATE, plate_of(take)) if use_plate else None
-    # what is written into the take comes before anything of the scene is changed
+    # files are written into the take before the scene is changed
     mattes, depths = mattes_of(scene, take) if take is not None else None, depths_of(take)
     lens = lens_of(take, tuple(clip.size)) if take is not None else None
     changed = camera_changes(scene, fstop)
@@ -146,13 +146,13 @@ def set_up(
 
 
 def render(scene: bpy.types.Scene, path: Path, *, still: bool = False) -> None:
-    """Render the whole range into a video (H.264 in MP4), or the current frame into a PNG. Without a window it waits.
+    """Render the whole range to a video (H.264 in MP4), or the current frame to a PNG. Without a window, returns when the render is done.
 
-    The scene has its own output settings again when it is done.
+    The scene's output settings are restored after the render.
 
     Raises:
-        UsageError: when the clip begins before frame 0, where Blender renders nothing, its file, a matte or the panorama is gone, `path` is
-            footage, the scene renders several views, or Blender is rendering already; all of it, where there is more than one of these.
+        UsageError: when Blender is already rendering; otherwise all of these that apply: a video's clip begins before frame 0, where
+            Blender renders nothing; the clip's file, a matte or the panorama is missing; `path` is footage; the scene uses stereoscopy.
         SeeingWindError: when Blender could not write the file.
     """
     if bpy.app.is_job_running("RENDER"):
@@ -175,7 +175,7 @@ def render(scene: bpy.types.Scene, path: Path, *, still: bool = False) -> None:
 
 
 def _check_output(scene: bpy.types.Scene, still: bool) -> None:
-    """UsageError for a scene of which Blender renders no image per frame, or, for a video, not all frames."""
+    """Raise UsageError if the scene renders more than one image per frame or, for a video, begins before frame 0."""
     first = scene.seeing_wind.frame_start
     if scene.render.use_multiview:
         raise UsageError(
@@ -188,9 +188,9 @@ def _check_output(scene: bpy.types.Scene, still: bool) -> None:
 
 
 def astray(scene: bpy.types.Scene) -> str:
-    """Whether the scene is rendered in another shape than the clip, or by a camera elsewhere, in the current frame; in words, "" for no.
+    """A warning if the render's aspect ratio differs from the clip's, or the camera from the clip's in the current frame; else "".
 
-    Its background is stretched to any camera, so that nobody sees it at once.
+    The mistake is easy to miss, since the background is stretched to any camera.
     """
     camera, clips, clip, to = scene.camera, scene.seeing_wind.camera_object, scene.active_clip, scene.render
     shape = to.resolution_x * to.pixel_aspect_x / (to.resolution_y * to.pixel_aspect_y)
@@ -206,12 +206,12 @@ def astray(scene: bpy.types.Scene) -> str:
 
 
 def _hold_out(scene: bpy.types.Scene, depths: np.ndarray | None, mattes: Mattes | None, hidden: bool) -> str:
-    """Let the object that is in the clip hide what flies behind it; returns by what, as `Composite.held_out`.
+    """Make the clip's object hide what passes behind it. Returns how, as `Composite.held_out`.
 
     Args:
-        depths: as of `depths_of`.
-        mattes: None for a take without outlines; then the body does it.
-        hidden: the plate covers the object.
+        depths: of `depths_of`.
+        mattes: None for a take without outlines; then the recovered object's mesh is the holdout.
+        hidden: whether the plate covers the object, so that it must hide nothing.
     """
     obj, card = scene.seeing_wind.recovered_object, mattes if depths is not None and not hidden else None
     set_card(scene, card, [] if depths is None else depths)
@@ -223,7 +223,7 @@ def _hold_out(scene: bpy.types.Scene, depths: np.ndarray | None, mattes: Mattes 
 
 
 def _soften(scene: bpy.types.Scene, take: Take | None, factor: float) -> float:
-    """Let Cycles film as softly as the clip is times a factor; returns how softly [pixels of the render], 0 for Blender's usual filter."""
+    """Blur the Cycles render like the clip, times a factor. Returns the blur [pixels of the render]; 0 for Blender's default filter."""
     seen = take.read_arrays("observation.npz").get("image") if take is not None and take.file("observation.npz").is_file() else None
     softness, cycles = 0.0, scene.cycles
     if take is not None and seen is not None:
@@ -237,7 +237,7 @@ def _soften(scene: bpy.types.Scene, take: Take | None, factor: float) -> float:
 
 
 def _background(camera: bpy.types.Camera, clip: bpy.types.MovieClip) -> None:
-    """The clip behind the camera, for the viewport."""
+    """Add the clip to the camera's background images, for the viewport."""
     camera.show_background_images = True
     if not any(each.clip == clip for each in camera.background_images):
         background = camera.background_images.new()

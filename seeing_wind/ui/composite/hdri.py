@@ -1,4 +1,4 @@
-"""A panorama of the place where the clip was filmed, as the light of the scene in place of the clip's own sun and sky."""
+"""Light the scene with a panorama of the clip's location instead of the sun and sky estimated from the clip."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from ..user_paths import absolute, noted
 
 WORLD = "Seeing Wind HDRI"
 NODES = {f"ShaderNode{kind}" for kind in ("Mapping", "TexEnvironment", "Background")}
-"""Of that world, those that are set."""
+"""Types of that world's nodes whose values are set."""
 
 
 def set_hdri(scene: bpy.types.Scene) -> Path:
-    """Let the panorama of the settings light the scene, turned and scaled as they say. The world that was there before is kept.
+    """Light the scene with the panorama in its settings, rotated and scaled as these say. Remembers the former world for `unset_hdri`.
 
     Raises:
-        UsageError: when there is no such file, or it has no more than a screen's range of light.
+        UsageError: when the file does not exist, is no image, or is not high dynamic range.
     """
     settings = scene.seeing_wind
     image = panorama(settings)
@@ -28,7 +28,7 @@ def set_hdri(scene: bpy.types.Scene) -> Path:
         settings.former_world = world
         world = scene.world = bpy.data.worlds.new(WORLD)
     nodes = _nodes(world)
-    if not NODES <= nodes.keys():  # new, or somebody has taken some away
+    if not NODES <= nodes.keys():  # the world is new, or the user has deleted some of its nodes
         _build(world)
         nodes = _nodes(world)
     nodes["ShaderNodeTexEnvironment"].image = image
@@ -38,7 +38,7 @@ def set_hdri(scene: bpy.types.Scene) -> Path:
 
 
 def check_hdri(scene: bpy.types.Scene) -> None:
-    """UsageError for a panorama of ours without its file: Blender lights the scene in magenta in its place."""
+    """Raise UsageError if the file of our panorama is missing: Blender would light the scene in magenta instead."""
     world = scene.world
     node = _nodes(world).get("ShaderNodeTexEnvironment") if world is not None and world.name.split(".")[0] == WORLD else None
     if node is None or node.image is None or node.image.packed_file is not None:
@@ -49,7 +49,7 @@ def check_hdri(scene: bpy.types.Scene) -> None:
 
 
 def unset_hdri(scene: bpy.types.Scene) -> bool:
-    """Give the scene back the world that it had before `set_hdri`. Returns whether there was a panorama."""
+    """Give the scene back the world that it had before `set_hdri`. Returns whether our panorama lit it."""
     world, settings = scene.world, scene.seeing_wind
     if world is None or world.name.split(".")[0] != WORLD:
         return False
@@ -60,7 +60,7 @@ def unset_hdri(scene: bpy.types.Scene) -> bool:
 
 
 def panorama(settings: bpy.types.PropertyGroup) -> bpy.types.Image:
-    """The panorama of the settings, as it is on disk now. Raises UsageError as `set_hdri`."""
+    """Load the panorama in the settings. Raises UsageError as `set_hdri`."""
     path = Path(absolute(settings.hdri))
     if not path.is_file():
         raise UsageError(f"There is no file {path}.", "Choose a panorama (.hdr or .exr), or clear HDRI.")
@@ -83,7 +83,7 @@ def panorama(settings: bpy.types.PropertyGroup) -> bpy.types.Image:
 
 
 def _nodes(world: bpy.types.World) -> dict[str, bpy.types.Node]:
-    """By type: names of nodes are those of the user's language."""
+    """A world's nodes by type, since their names depend on the user's language."""
     return {node.bl_idname: node for node in world.node_tree.nodes} if world.node_tree is not None else {}
 
 

@@ -1,4 +1,4 @@
-"""The light of a clip: a sun from the shading of its object, a sky and a ground from what is around it, each part at its elevation."""
+"""The light of a clip: a sun from the shading of its object, and sky and ground by elevation from the object's surroundings."""
 
 from __future__ import annotations
 
@@ -15,49 +15,49 @@ from .hdri import set_hdri, unset_hdri
 from .own import is_called
 
 EXPLAINED = 0.3
-"""Share of the brightness that must follow the surface's direction. Below it is the object's own pattern that is seen, no shading."""
+"""Least share of the brightness's variance that the normals must explain. Below it, the object's texture dominates, not shading."""
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 HAZY = 1.9
-"""Light of the sun over that of the sky where the shading does not tell: a sunny day with some haze."""
+"""Ratio of sunlight to skylight if the shading does not determine it: a sunny day with some haze."""
 RATIOS = (0.3, 4.0)
-"""Of the two, as far as they are believed."""
+"""Least and largest plausible ratio of the two."""
 BANDS = 12
-"""Parts of the frame's height, of a colour each."""
+"""Number of horizontal bands of the frame, of one colour each."""
 TINT = (0.5, 1.5)
-"""Channels of the sun's colour over their mean, at most."""
+"""Least and largest ratio of a channel of the sun's colour to the mean of the channels."""
 SUN, SKY = "Seeing Wind Sun", "Seeing Wind Sky"
 SKY_MAP = 64
-"""Pixels across the map by which Cycles samples the sky: there is no small bright place in it that a ray could miss."""
+"""Width in pixels of the map by which Cycles samples the sky, which has no small bright spots that a ray could miss."""
 SUN_ANGLES = (math.radians(48.0), math.radians(-12.0), math.radians(-38.0))
-"""High, over the camera's left shoulder: a guess to be turned to the clip's own light."""
+"""Default direction: high, over the camera's left shoulder; the user turns it to match the clip's light."""
 MADE = "seeing_wind_made"
-"""Custom property of sun and sky: their numbers as they were made. While these are the same, both follow the take that is loaded."""
+"""Custom property of sun and sky: their values as created. Unless the user changes these, both are updated for each take."""
 
 
 @dataclass(frozen=True)
 class Light:
-    """What lights a clip. Colours are linear; a white matt card lit by a sky of one colour alone has that colour in the frame."""
+    """The light of a clip. Colours are linear; a matt white card lit only by a uniform sky has the sky's colour in the frame."""
 
     heights: np.ndarray
-    """(B,) sines of elevations, ascending,"""
+    """(B,) sines of elevations, ascending."""
     around: np.ndarray
-    """(B, 3) and what lights from there. Above the highest and below the lowest it goes on as there."""
+    """(B, 3) colour of the light from these elevations; constant above the highest and below the lowest."""
     energy: float
-    """Of the sun [W/m²], as Blender counts it."""
+    """Of the sun [W/m²], in Blender's definition."""
     colour: np.ndarray
-    """(3,) of the sun, its mean is 1."""
+    """(3,) of the sun, with a mean of 1."""
 
 
 def light_of(surroundings: np.ndarray, heights: np.ndarray, ratio: float) -> Light:
-    """What lights a scene whose surroundings are seen in a frame (H, W, 3) uint8 sRGB.
+    """Estimate the light of a scene from a frame of its surroundings (H, W, 3) uint8 sRGB.
 
-    What the frame shows at an elevation stands for all that is at that elevation, also where the camera does not look, and its upper and
-    lower edge for what is above and below. The sun's colour is what the camera's white balance leaves for it: with the rest it lights a
-    white card, upright and turned to it, white.
+    The frame's colour at an elevation is taken for all azimuths, also outside the view, and the colours at its upper and lower edge for
+    everything above and below. The sun's colour follows from the camera's white balance: sun, sky and ground together make an upright white
+    card that faces the sun look white.
 
     Args:
-        heights: of `bands_of`, one for each part of the frame from its upper edge to its lower one.
-        ratio: light of the sun over that of sky and ground, on a surface that faces it.
+        heights: of `bands_of`, one for each band of the frame from top to bottom.
+        ratio: light of the sun over that of sky and ground, on a surface that faces the sun.
     """
     order = np.argsort(heights, kind="stable")
     around = np.stack([linear(part).mean(axis=(0, 1)) for part in np.array_split(surroundings, len(heights))])[order]
@@ -69,7 +69,7 @@ def light_of(surroundings: np.ndarray, heights: np.ndarray, ratio: float) -> Lig
 
 
 def bands_of(scene: bpy.types.Scene, count: int) -> np.ndarray:
-    """Sines (B,) of the elevations at which the camera sees `count` parts of its frame, from the upper edge to the lower one."""
+    """Sines (B,) of the elevations at the middles of `count` horizontal bands of the camera's frame, from top to bottom."""
     corners = [np.array(corner) for corner in scene.camera.data.view_frame(scene=scene)]
     high, low = (0.5 * sum(sorted(corners, key=lambda corner: sign * corner[1])[:2]) for sign in (-1.0, 1.0))
     share = (np.arange(count) + 0.5)[:, None] / count
@@ -78,17 +78,17 @@ def bands_of(scene: bpy.types.Scene, count: int) -> np.ndarray:
 
 
 def _on_a_card(heights: np.ndarray, around: np.ndarray) -> np.ndarray:
-    """The light (3,) on an upright surface of what is `around` (B, 3) at `heights` (B,): equal solid angles lie between equal heights."""
+    """Light (3,) of the surroundings `around` (B, 3) at `heights` (B,) on an upright surface; equal steps in height are equal solid angles."""
     z = np.linspace(-1.0, 1.0, 513)
     facing = np.sqrt(1.0 - z**2)
     return np.array([facing @ np.interp(z, heights, channel) for channel in around.T]) / facing.sum()
 
 
 def sun_of(obj: bpy.types.Object | None) -> tuple[Vector, float] | None:
-    """The direction towards the light, in the world, and its light over that of the sky; None where the shading does not tell.
+    """World direction towards the sun, and the ratio of its light to the sky's; None if the shading does not determine them.
 
-    A matt surface's brightness is linear in the cosine between its normal and the light, so the gradient of a straight line fitted through
-    the brightness over the normals points to the light (Lambert's law, with the sky as the constant).
+    A matt surface's brightness is linear in the cosine between its normal and the light, so the gradient of a linear fit of the brightness
+    over the normals points to the light (Lambert's law, with the sky as the constant).
     """
     colours = obj.data.attributes.get(FRAME_COLOUR) if obj is not None and obj.type == "MESH" else None
     if colours is None or len(obj.data.vertices) < 12:
@@ -100,7 +100,7 @@ def sun_of(obj: bpy.types.Object | None) -> tuple[Vector, float] | None:
     bright, normals = flat.reshape(-1, 4)[:, :3] @ LUMINANCE, normals.reshape(-1, 3)
     table = np.concatenate([normals, np.ones((count, 1))], axis=1)
     spread = float(((bright - bright.mean()) ** 2).sum())
-    # a ridge keeps directions in which the normals hardly vary from deciding
+    # the ridge damps directions in which the normals hardly vary
     ridge = 0.02 * count * np.diag([1.0, 1.0, 1.0, 0.0])
     found = np.linalg.solve(table.T @ table + ridge, table.T @ bright)
     rest = float(((bright - table @ found) ** 2).sum())
@@ -110,15 +110,15 @@ def sun_of(obj: bpy.types.Object | None) -> tuple[Vector, float] | None:
     way.normalize()
     ratio = _ratio(bright, np.maximum(normals @ np.array(way), 0.0))
     way = obj.matrix_world.to_3x3() @ way
-    # a light from below is a bright floor, not the sun
+    # light from below comes from a bright floor, not the sun
     return (way.normalized(), ratio) if way.z > 0.0 else None
 
 
 def light_scene(scene: bpy.types.Scene, surroundings: np.ndarray | None) -> str:
-    """The user's panorama or, where there is no light but Blender's default one and ours, the clip's sun and sky; says what lights.
+    """Light the scene with the user's panorama or, unless the user added lights, the clip's sun and sky. Returns the light in words.
 
     Args:
-        surroundings: as of `set_light`.
+        surroundings: as in `set_light`.
     """
     lights = [obj for obj in scene.objects if obj.type == "LIGHT"]
     default, ours = [obj for obj in lights if is_factory(obj)], [obj for obj in lights if is_called(obj, SUN)]
@@ -142,16 +142,16 @@ def light_scene(scene: bpy.types.Scene, surroundings: np.ndarray | None) -> str:
 
 
 def set_light(scene: bpy.types.Scene, surroundings: np.ndarray | None, seen: tuple[Vector, float] | None) -> bool:
-    """Make the sun, and a sky in place of a new file's own, which is nearly black: shadows would be, too. The scene has a camera.
+    """Set the sun, and a sky in place of a new file's world, whose near-black would make shadows black. The scene must have a camera.
 
-    A sun or a sky that was made before is made anew, unless the user has changed it since.
+    An earlier sun or sky of ours is updated, unless the user has changed it.
 
     Args:
-        surroundings: what is around the object (H, W, 3) uint8 sRGB; None: it is not known.
-        seen: as `sun_of` gives it.
+        surroundings: image (H, W, 3) uint8 sRGB of the object's surroundings; None if unknown.
+        seen: result of `sun_of`.
 
     Returns:
-        Whether the sun is as asked for; otherwise it is the user's.
+        Whether the sun was set; False if the user has changed or hidden it.
     """
     if surroundings is None:
         surroundings = np.broadcast_to(np.array([[[170, 184, 206]]], dtype=np.uint8), (BANDS, 1, 3))
@@ -172,7 +172,7 @@ def set_light(scene: bpy.types.Scene, surroundings: np.ndarray | None, seen: tup
 
 
 def _numbers(made: bpy.types.Object | bpy.types.World) -> list[float]:
-    """All that is set of a sun, or of a sky."""
+    """All values that `set_light` sets on a sun or a sky."""
     if isinstance(made, bpy.types.World):
         nodes = made.node_tree.nodes
         stops = next((node.color_ramp.elements for node in nodes if node.type == "VALTORGB"), ())
@@ -185,25 +185,25 @@ def _numbers(made: bpy.types.Object | bpy.types.World) -> list[float]:
 
 
 def _is_as_made(made: bpy.types.Object | bpy.types.World) -> bool:
-    """Whether the user has changed nothing of a sun or a sky."""
+    """Whether a sun or a sky of ours still has the values that it was created with."""
     noted = list(made.get(MADE, ()))
     return len(noted) > 0 and len(now := _numbers(made)) == len(noted) and np.allclose(now, noted, rtol=1e-5, atol=1e-5)
 
 
 def _ratio(bright: np.ndarray, facing: np.ndarray) -> float:
-    """Slope over constant of the brightness over how far a surface faces the light."""
+    """Ratio of slope to constant in a linear fit of brightness over the cosine between normal and light."""
     slope, constant = np.polyfit(facing, bright, 1)
     return float(np.clip(slope / max(float(constant), 1e-6), *RATIOS))
 
 
 def linear(image: np.ndarray) -> np.ndarray:
-    """Linear values of a frame (...) uint8 sRGB."""
+    """Linear values in 0..1 of a frame (...) uint8 sRGB."""
     values = image / 255.0
     return np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4)
 
 
 def _sky(light: Light, made: bpy.types.World | None) -> bpy.types.World:
-    """What is around the scene, by elevation, in a world that was made so before or in a new one."""
+    """A world with the surroundings' colours by elevation: `made`, an earlier one of ours, or a new one."""
     world = made or _new_sky()
     stops = next(node for node in world.node_tree.nodes if node.type == "VALTORGB").color_ramp.elements
     while len(stops) < len(light.heights):
@@ -217,7 +217,7 @@ def _sky(light: Light, made: bpy.types.World | None) -> bpy.types.World:
 
 
 def _new_sky() -> bpy.types.World:
-    """Its nodes: colors by elevation."""
+    """A new world whose nodes give colours by elevation."""
     world = bpy.data.worlds.new(SKY)
     world.use_nodes = True
     nodes, link = world.node_tree.nodes, world.node_tree.links.new
@@ -229,7 +229,7 @@ def _new_sky() -> bpy.types.World:
     link(share.outputs[0], ramp.inputs[0])
     link(ramp.outputs[0], background.inputs["Color"])
     background.inputs["Strength"].default_value = 1.0
-    # As smooth as it is, it needs no fine map of where it is bright; Cycles makes one anew for every frame, which may take a second.
+    # So smooth a sky needs no fine importance map, which Cycles builds anew for every frame and which may take a second.
     world.cycles.sampling_method, world.cycles.sample_map_resolution = "MANUAL", SKY_MAP
     for column, node in enumerate((way, parts, share, ramp)):
         node.location = (220 * (column - 5), 300)
@@ -237,7 +237,7 @@ def _new_sky() -> bpy.types.World:
 
 
 def _is_factory_world(world: bpy.types.World) -> bool:
-    """Whether a world is the dark grey of a new file."""
+    """Whether a world is the unchanged dark grey one of a new file."""
     background = world.node_tree.nodes.get("Background") if world.node_tree is not None else None
     if background is None or len(world.node_tree.nodes) > 2 or background.inputs["Color"].is_linked:
         return False

@@ -1,4 +1,4 @@
-"""The object's outline in every frame of the clip, as mattes: what cuts the edit behind it, and where the clean plate covers it."""
+"""Mattes of the object in every frame of the clip: they hide the edit behind it, and mask where the clean plate covers it."""
 
 from __future__ import annotations
 
@@ -23,28 +23,28 @@ from .own import drop_unused, is_called, own_object
 
 FOLDER, IMAGE, CARD = "mattes", "Seeing Wind Mattes", "Seeing Wind Holdout"
 HELD_OUT, COVERED = "Red", "Green"
-"""Channels of a matte: the outline, its edge a pixel soft; and the same wider, for the object's shadow rim and motion blur."""
+"""Channels of a matte: the outline with an edge softened by one pixel; and a wider one that includes contact shadow and motion blur."""
 WIDER = 0.012
-"""Of the frame's longer side, by which the cover is wider than the outline."""
+"""Fraction of the frame's longer side by which `COVERED` extends beyond the outline."""
 
 MARGIN = 3
-"""Pixels round an outline that its soft edge takes up."""
+"""Width in pixels of the soft edge around an outline."""
 
 
 @dataclass(frozen=True)
 class Mattes:
-    """The images on disk, and what the compositor needs to know of them."""
+    """The images on disk, and what the compositor needs to show them."""
 
     image: bpy.types.Image
     frames: int
     pace: Pace
-    """At which scene frame each is shown."""
+    """The scene frame at which each is shown."""
     window: np.ndarray
-    """(2, 2): left and lower, right and upper end of all that the outlines reach in the clip, as shares of the frame."""
+    """(2, 2): lower left and upper right corner of the bounding box of the outlines in all frames, as fractions of the frame."""
 
 
 def mattes_of(scene: bpy.types.Scene, take: Take) -> Mattes | None:
-    """Write a take's mattes as PNGs into the take, where they are not yet, and load them. None for a take without outlines.
+    """Write missing or outdated mattes as PNGs into the take, and load them. None for a take without outlines.
 
     Raises:
         TakeError: when the outlines are damaged, or the PNGs cannot be written.
@@ -66,7 +66,7 @@ def mattes_of(scene: bpy.types.Scene, take: Take) -> Mattes | None:
 
 
 def check_room(take: Take) -> None:
-    """See that a take can be written where the images of its composite go. Raises TakeError where it cannot."""
+    """Check that the images of a composite can be written into the take. Raises TakeError if not."""
     name = take.path.name
     takes.refuse_read_only(
         take.file(FOLDER), f"Save this file into a folder that can be written, put a copy of {name} beside it and try again."
@@ -74,7 +74,7 @@ def check_room(take: Take) -> None:
 
 
 def window_of(masks: Masks) -> np.ndarray:
-    """As `Mattes.window`; with a margin for soft edges, which may reach beyond the frame."""
+    """`Mattes.window` of outlines, with a margin for soft edges, which may extend beyond the frame."""
     seen = masks.windows[masks.windows[:, 2] > masks.windows[:, 0]]
     if not len(seen):
         return np.zeros((2, 2))
@@ -90,20 +90,20 @@ def matte(mask: np.ndarray) -> np.ndarray:
     if not mask.any():
         return found
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    # only round the object: a large frame would take seconds
+    # only around the object: a whole large frame would take seconds
     part = tuple(slice(max(at[0] - wider - 3, 0), at[-1] + wider + 4) for at in (rows, columns))
     found[*part, 0], found[*part, 1] = softened(narrowed(mask[part]), 1), softened(widened(mask[part], wider), 2)
     return found
 
 
 def narrowed(mask: np.ndarray) -> np.ndarray:
-    """A mask (H, W) bool without its outermost pixels, in which what is behind shows as a pale rim; what is thinner than three stays."""
+    """A mask (H, W) bool without its outermost pixels, where the background shows as a pale rim; parts thinner than 3 px stay."""
     inner = ~widened(~mask, 1)
     return inner | (mask & ~widened(inner, 2))
 
 
 def widened(mask: np.ndarray, pixels: int) -> np.ndarray:
-    """A mask (H, W) bool grown by a square of `pixels` on each side."""
+    """A mask (H, W) bool grown by `pixels` on every side, by a square."""
     for axis in (0, 1):
         grown = mask.copy()
         for step in range(1, pixels + 1):
@@ -115,7 +115,7 @@ def widened(mask: np.ndarray, pixels: int) -> np.ndarray:
 
 
 def softened(mask: np.ndarray, pixels: int) -> np.ndarray:
-    """A mask (H, W) bool with an edge of some pixels: (H, W) uint8."""
+    """A mask (H, W) bool with edges softened over `pixels`, as (H, W) uint8."""
     values = mask.astype(np.float32)
     for _ in range(pixels):
         for axis in (0, 1):
@@ -137,7 +137,7 @@ def _loaded(first: Path) -> bpy.types.Image:
 
 
 def keep_pace(scene: bpy.types.Scene, pace: Pace) -> None:
-    """Let the mattes that a scene has, in the compositor and on its card, go by at another pace."""
+    """Retime the mattes in a scene's compositor and on its card to another pace."""
     card = own_object(scene, CARD)
     frames = int(scene.seeing_wind.field_object["seeing_wind_frames"]) + 1
     if card is not None:
@@ -147,7 +147,7 @@ def keep_pace(scene: bpy.types.Scene, pace: Pace) -> None:
 
 
 def _showing(scene: bpy.types.Scene) -> list[bpy.types.Node]:
-    """The nodes of compositor and card that show the mattes."""
+    """The nodes in compositor and card material that show the mattes."""
     card = own_object(scene, CARD)
     trees = [getattr(scene, "compositing_node_group", None) or getattr(scene, "node_tree", None)]
     trees += [material.node_tree for material in card.data.materials if material is not None] if card is not None else []
@@ -156,7 +156,7 @@ def _showing(scene: bpy.types.Scene) -> list[bpy.types.Node]:
 
 
 def missing_matte(scene: bpy.types.Scene) -> Path | None:
-    """The first file of the mattes that the scene shows and that is not there: Blender renders nothing in its place, and says nothing."""
+    """The first missing file of the mattes that the scene uses, if any: Blender would silently render nothing in its place."""
     field = scene.seeing_wind.field_object
     frames = int(field["seeing_wind_frames"]) + 1 if field is not None else 1
     shown = {Path(absolute(node.image.filepath, node.image.library)) for node in _showing(scene)}
@@ -165,23 +165,23 @@ def missing_matte(scene: bpy.types.Scene) -> Path | None:
 
 
 def check_mattes(scene: bpy.types.Scene) -> None:
-    """UsageError for mattes that are gone."""
+    """Raise UsageError if a matte file is missing."""
     gone = missing_matte(scene)
     if gone is not None:
         raise UsageError(f"There is no file {gone}, which cuts the edit.", "Put the take back, or set the composite up again.")
 
 
 def _name(t: int) -> str:
-    """Of the matte of a frame, from 0 on."""
+    """File name of the matte of clip frame `t`."""
     return f"matte_{t + 1:04}.png"
 
 
 def set_card(scene: bpy.types.Scene, mattes: Mattes | None, depths: Sequence[float]) -> None:
-    """A card before the camera, as far away as the object in every frame, that holds out by the matte: it cuts what flies behind.
+    """Set a holdout card with the matte in front of the camera, at the object's distance in every frame: it hides what passes behind.
 
     Args:
-        mattes: None removes it.
-        depths: of the object along the camera's axis, one per frame [m].
+        mattes: None removes the card.
+        depths: of the object along the camera's axis, one per clip frame [m].
     """
     card = own_object(scene, CARD)
     if mattes is None:
@@ -207,8 +207,8 @@ def set_card(scene: bpy.types.Scene, mattes: Mattes | None, depths: Sequence[flo
 
 
 def _shape(card: bpy.types.Object, scene: bpy.types.Scene, window: np.ndarray) -> None:
-    """As large as what the outlines reach, since every ray that passes it costs time, at a distance of one. Its UV map has the clip's frame
-    from 0 to 1, whatever camera renders it."""
+    """Make the card cover just the window of the outlines, at distance 1, since every ray through it costs time. Its UV map spans the
+    clip's frame from 0 to 1, whatever camera renders it."""
     frame = np.array([(corner / -corner.z)[:2] for corner in scene.camera.data.view_frame(scene=scene)])
     low, high = frame.min(axis=0), frame.max(axis=0)
     uv = np.array([[window[i, 0], window[j, 1]] for i, j in ((0, 0), (1, 0), (1, 1), (0, 1))])

@@ -1,4 +1,4 @@
-"""The compositor's nodes: clip or clean plate, under the render, with the clip's grain on what is not the clip."""
+"""The compositor's nodes: clip or clean plate under the render, with the clip's grain on plate and render."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from .mattes import COVERED, Mattes
 
 TREE = "Seeing Wind Composite"
 LAST = 2
-"""Value of the custom property of the node with the finished image; of our other nodes it is True."""
+"""Value of our custom property on the node that outputs the finished image; on our other nodes it is True."""
 
 
 def is_set_up(scene: bpy.types.Scene) -> bool:
-    """Whether the scene's compositor has our nodes."""
+    """Whether the scene's compositor contains our nodes."""
     tree = getattr(scene, "compositing_node_group", None) or getattr(scene, "node_tree", None)
     return tree is not None and any(node.get("seeing_wind") for node in tree.nodes)
 
@@ -25,13 +25,13 @@ def build(
     scene: bpy.types.Scene, clip: bpy.types.MovieClip, plate: bpy.types.Image | None, mattes: Mattes | None, grain: float,
     lens: Lens | None, rendered: bpy.types.Scene,
 ) -> None:  # fmt: skip
-    """Other nodes of the user's stay, also between ours and the output; ours are made anew.
+    """Rebuild our nodes in the scene's compositor. The user's own nodes stay, also those between ours and the output.
 
     Args:
         plate: covers the clip's object; None shows the clip as it is.
-        mattes: where it covers; None: everywhere.
-        grain: standard deviation, of display values in 0..1, of the noise on plate and render; 0: none.
-        lens: where in render, plate and mattes each pixel of the clip is found; None where they have the clip's pixels.
+        mattes: where the plate covers the clip; None: everywhere.
+        grain: standard deviation of the noise on plate and render, in display values 0..1; 0: none.
+        lens: distortion to apply to render, plate and mattes; None if the clip's lens has none.
         rendered: the scene whose render is put over the clip, see `overscan`.
     """
     tree, output = _tree(scene)
@@ -59,7 +59,7 @@ def build(
 
 
 def _behind(make: _Maker, clip: bpy.types.MovieClip, plate: bpy.types.Image | None, mattes: Mattes | None) -> tuple[Any, Any]:
-    """The frame behind the render, and where (None: nowhere) it is the plate."""
+    """The background image, and the coverage of the plate in it (None without a plate)."""
     film = make.node("MovieClip")
     film.clip = clip
     shown = make.fitted(film.outputs["Image"])
@@ -79,7 +79,7 @@ def _behind(make: _Maker, clip: bpy.types.MovieClip, plate: bpy.types.Image | No
 
 
 def _grained(make: _Maker, image: Any, strength: Any) -> Any:
-    """Noise of pixels and frames on display values. The sum of two even ones is nearer to the bell of real grain than one."""
+    """Add noise per pixel and frame to the display values. The sum of two uniform variables is closer to Gaussian grain than one."""
     place, time = make.node("ImageCoordinates"), make.node("SceneTime")
     make.link(image, place.inputs[0])
     noise = None
@@ -88,7 +88,7 @@ def _grained(make: _Maker, image: Any, strength: Any) -> Any:
         make.link(place.outputs["Pixel"], dice.inputs["Vector"])
         make.link(make.math("ADD", time.outputs["Frame"], offset), dice.inputs["W"])
         noise = dice.outputs["Color"] if noise is None else make.vector("ADD", noise, dice.outputs["Color"])
-    # of mean one and variance 2 / 12
+    # the sum has mean 1 and variance 2 / 12
     even = make.vector("SUBTRACT", noise, (1.0, 1.0, 1.0))
     scaled = make.plain("ShaderNodeVectorMath", operation="SCALE")
     make.link(even, scaled.inputs[0])
@@ -105,7 +105,7 @@ class _Maker:
         self.link = tree.links.new
 
     def plain(self, kind: str, **properties: Any) -> Any:
-        """A node by its full type."""
+        """Add a node of the full type name `kind`."""
         node = self.tree.nodes.new(kind)
         node["seeing_wind"], node.location = True, (200 * self.count, -240 * (self.count % 3))
         self.count += 1
@@ -114,7 +114,7 @@ class _Maker:
         return node
 
     def node(self, kind: str) -> Any:
-        """A node of the compositor."""
+        """Add a compositor node."""
         return self.plain(f"CompositorNode{kind}")
 
     def _set(self, socket: Any, value: Any) -> None:
@@ -124,28 +124,28 @@ class _Maker:
             socket.default_value = value
 
     def math(self, operation: str, *values: Any) -> Any:
-        """Output of a math node."""
+        """Output of a new math node."""
         node = self.plain("ShaderNodeMath", operation=operation)
         for socket, value in zip(node.inputs, values):
             self._set(socket, value)
         return node.outputs[0]
 
     def vector(self, operation: str, *values: Any) -> Any:
-        """Output of a vector math node; colours count as vectors."""
+        """Output of a new vector math node; colours count as vectors."""
         node = self.plain("ShaderNodeVectorMath", operation=operation)
         for socket, value in zip(node.inputs, values):
             self._set(socket, value)
         return node.outputs["Vector"]
 
     def converted(self, image: Any, source: str, target: str) -> Any:
-        """A frame in another colour space."""
+        """The image converted to another colour space."""
         node = self.node("ConvertColorSpace")
         node.from_color_space, node.to_color_space = source, target
         self.link(image, node.inputs[0])
         return node.outputs[0]
 
     def fitted(self, image: Any) -> Any:
-        """Stretched to the render's size."""
+        """The image stretched to the render's size."""
         scale = self.node("Scale")
         if hasattr(scale, "space"):  # up to Blender 4.5
             scale.space, scale.frame_method = "RENDER_SIZE", "STRETCH"
@@ -155,7 +155,7 @@ class _Maker:
         return scale.outputs["Image"]
 
     def bent(self, image: Any, wide: bool = False) -> Any:
-        """A frame without distortion, or a wider one, as the clip's lens shows it; transparent where it does not reach."""
+        """An undistorted image, with overscan if `wide`, distorted by the clip's lens; transparent where it has no pixel."""
         if self.lens is None:
             return image
         places, mapped = self.node("Image"), self.node("MapUV")
@@ -165,7 +165,7 @@ class _Maker:
         return mapped.outputs["Image"]
 
     def over(self, behind: Any, front: Any, share: Any = 1.0) -> Any:
-        """One image over another one, by its alpha and a factor."""
+        """`front` over `behind` by the alpha of `front` and the factor `share`."""
         node = self.node("AlphaOver")
         old = "Background" not in node.inputs  # up to Blender 4.5
         factor, lower, upper = (node.inputs[key] for key in ((0, 1, 2) if old else ("Factor", "Background", "Foreground")))
@@ -187,7 +187,7 @@ def _tree(scene: bpy.types.Scene) -> tuple[bpy.types.NodeTree, bpy.types.Node]:
     else:
         empty = scene.node_tree is None
         scene.use_nodes = True
-        if empty:  # the two nodes that Blender puts in by itself
+        if empty:  # the two nodes that Blender adds by itself
             scene.node_tree.nodes.clear()
         tree, kind = scene.node_tree, "CompositorNodeComposite"
     output = next((node for node in tree.nodes if node.bl_idname == kind), None) or tree.nodes.new(kind)

@@ -1,4 +1,4 @@
-"""The edit over the clip, set up and rendered."""
+"""Set up and render the edit over the clip."""
 
 import itertools
 from pathlib import Path
@@ -27,12 +27,12 @@ class SEEING_WIND_OT_set_up_composite(Look, DirectOperator, bpy.types.Operator):
     )
 
     def act(self, context):
-        """May be repeated after any change. What is not given is as the scene has it; what is given stays there."""
+        """Set the composite up, also repeatedly. Options not given come from the scene; options given are stored there."""
         settings = context.scene.seeing_wind
         look, hdri, samples = settings.composite, settings.hdri, settings.composite_samples
         former = {name: getattr(look, name) for name in LOOK}
         if self.properties.is_property_set("samples") and not self.options.is_repeat:
-            settings.composite_samples = 0  # asked for now, also where they are as the last time
+            settings.composite_samples = 0  # so that they count as new, even if unchanged since the last set-up
         for name in LOOK:
             source, target = (self, look) if self.properties.is_property_set(name) else (look, self)
             setattr(target, name, getattr(source, name))
@@ -64,11 +64,11 @@ class SEEING_WIND_OT_render_composite(DirectOperator, bpy.types.Operator):
     still: BoolProperty(name="This Frame Only", options={"SKIP_SAVE"}, description="An image of the current frame instead of the video")
 
     def act(self, context):
-        """Sets the composite up first when it has not been, or otherwise than it is to look now, or when files of it are gone."""
+        """Render; first set up the composite if there is none, its settings have changed, or files of it are missing."""
         from . import composite, mattes, nodes  # need NumPy
 
         scene = context.scene
-        former = scene.seeing_wind.composite_as  # nothing where a script has set it up
+        former = scene.seeing_wind.composite_as  # "" if a script has set it up
         as_before = former in ("", _as_text(scene.seeing_wind)) and not (former and mattes.missing_matte(scene) is not None)
         if not nodes.is_set_up(scene) or not as_before:
             _set_up(scene)
@@ -82,13 +82,13 @@ class SEEING_WIND_OT_render_composite(DirectOperator, bpy.types.Operator):
 
 
 def _unshown(path: Path) -> Path:
-    """`path`, or with a number in its name where this file shows it: the composite of one shot may be the clip of the next."""
+    """`path`, numbered if this .blend file uses it as footage: one shot's composite may be the next shot's clip."""
     names = (path.with_name(f"{path.stem}_{number}{path.suffix}") for number in itertools.count(2))
     return path if not is_footage(path) else next(name for name in names if not is_footage(name))
 
 
 def _set_up(scene: bpy.types.Scene):
-    """As the scene's settings say; what was set up is kept for the panel."""
+    """Set up the composite from the scene's settings, and record what was set up for the panel."""
     from .composite import set_up  # needs NumPy
 
     settings = scene.seeing_wind
@@ -100,7 +100,7 @@ def _set_up(scene: bpy.types.Scene):
 
 
 def _as_text(settings: bpy.types.PropertyGroup) -> str:
-    """All that the composite is set up by, the take that is loaded too: light, outlines, grain and softness come from it."""
+    """Everything that determines the composite, as text. This includes the take: light, outlines, grain and softness come from it."""
     take = [Path(settings.recovered_take).name, settings.recovered_stamp]
     return repr([getattr(settings.composite, name) for name in LOOK] + [settings.hdri, settings.hdri_turn, settings.hdri_strength, *take])
 

@@ -1,6 +1,6 @@
-"""A wider render than the clip's frame, where the clip's lens draws in what is beyond the borders of a frame without distortion.
+"""A wider render than the clip's frame, for a lens whose distortion shows points beyond the borders of the undistorted frame.
 
-The scene and its camera stay as they are: a second scene renders the first one, as its background set, through a camera of its own.
+The scene and its camera are unchanged: a second scene has the first as its background set and renders it through its own camera.
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ SIMPLE = {"BOOLEAN", "INT", "FLOAT", "STRING", "ENUM"}
 
 
 def set_overscan(scene: bpy.types.Scene, wider: float) -> bpy.types.Scene:
-    """The scene that renders what `scene` shows; itself where that need be no wider.
+    """The scene that renders `scene` with a wider frame; `scene` itself if no overscan is needed.
 
-    Its settings are those of now: set the composite up again after a change.
+    The render settings are copied now; set the composite up again after changing them.
 
     Args:
-        wider: width and height of its frame over those of the clip's, 1 or more. It has as many pixels.
+        wider: factor, 1 or more, from the clip's frame to the wider one in both directions. The number of pixels stays the same.
     """
     found = next((each for each in bpy.data.scenes if MARK in each and each.background_set == scene), None)
     if wider <= 1.0:
@@ -38,23 +38,23 @@ def set_overscan(scene: bpy.types.Scene, wider: float) -> bpy.types.Scene:
 
 
 def _take_over(source: bpy.types.bpy_struct, target: bpy.types.bpy_struct) -> None:
-    """Every plain setting that differs."""
+    """Copy every simple setting that differs, except arrays."""
     for prop in source.bl_rna.properties:
         if prop.type not in SIMPLE or prop.is_readonly or getattr(prop, "is_array", False):
             continue
         value = getattr(source, prop.identifier)
-        # a number that is no name any more is an empty choice; the other scene has it, too
+        # "" is an enum whose stored number is no longer valid; it cannot be assigned
         if value != getattr(target, prop.identifier) and value != "":
             setattr(target, prop.identifier, value)
 
 
 def _camera(camera: bpy.types.Object, wider: float) -> bpy.types.Object:
-    """A camera that goes with another one and sees more on every side."""
+    """A camera that is parented to `camera` and sees more on every side."""
     data = camera.data.copy()
     data.name = f"{camera.data.name} Overscan"
     for background in list(data.background_images):
         data.background_images.remove(background)
-    # its shift counts in widths of the frame
+    # the shift is measured in frame widths
     data.sensor_width, data.sensor_height = data.sensor_width * wider, data.sensor_height * wider
     data.ortho_scale, data.shift_x, data.shift_y = data.ortho_scale * wider, data.shift_x / wider, data.shift_y / wider
     obj = bpy.data.objects.new(data.name, data)

@@ -1,6 +1,6 @@
-"""What is in a scene already: what was set up before, found by its name, which Blender numbers where another scene has the same; what of
-the user's camera and render settings changes; and those of the output, which a render of ours gives back. Without NumPy: the panel says
-beforehand what changes."""
+"""What a scene already has: objects of an earlier set-up, found by name (Blender numbers a name that another scene uses); the camera and
+render settings that a set-up changes; and the output settings, which are restored after a render. Without NumPy, since the panel lists the
+changes beforehand."""
 
 from __future__ import annotations
 
@@ -21,54 +21,54 @@ SETTING = {
     "view_transform": "view transform", "look": "look", "exposure": "view exposure", "gamma": "view gamma",
     "use_curve_mapping": "use of curves", "use_white_balance": "white balance",
 }  # fmt: skip
-"""Words for these."""
+"""Names of these settings in texts."""
 FOCUS = "Seeing Wind Focus"
-"""Name of the empty that the camera is focused on."""
+"""Name of the empty on which the camera focuses."""
 OUTPUT = (
     ("render", ("filepath", "use_file_extension", "use_compositing", "use_sequencer")),
     ("render.image_settings", ("media_type", "file_format")),
     ("render.ffmpeg", (
         "format", "codec", "audio_codec", "constant_rate_factor", "ffmpeg_preset",
-        # which Blender fills in for whoever has never chosen a video
+        # these get values as soon as a video format is chosen for the first time
         "video_bitrate", "minrate", "maxrate", "muxrate", "gopsize", "buffersize", "packetsize", "audio_bitrate",
     )),
     ("render.image_settings", ("color_mode", "color_depth", "color_management")),
 )  # fmt: skip
-"""What a render of ours sets of a scene's output, or what changes with it, in the order in which it can be set: the later ones depend on
-what the earlier ones are."""
+"""Output settings that our render sets, or that change as a consequence. They must be restored in this order, since later ones depend on
+earlier ones."""
 
 SAME = 1e-5
-"""Relative difference of two numbers that are the same in single precision."""
+"""Relative difference below which two numbers count as equal in single precision."""
 
 ENDS = (bpy.app.handlers.render_complete, bpy.app.handlers.render_cancel)
-"""Who is told that a render has ended."""
+"""Handlers that Blender calls when a render has ended."""
 
 
 def is_called(datablock: bpy.types.ID, name: str) -> bool:
-    """Whether a datablock has a name, numbered or not."""
+    """Whether a datablock has this name, with or without Blender's numeric suffix."""
     return re.sub(r"\.\d{3,}$", "", datablock.name) == name
 
 
 def own_object(scene: bpy.types.Scene, name: str) -> bpy.types.Object | None:
-    """The scene's object of that name."""
+    """The scene's object called `name`, with or without a numeric suffix, if any."""
     return scene.objects.get(name) or next((obj for obj in scene.objects if is_called(obj, name)), None)
 
 
 def drop_unused(blocks: bpy.types.bpy_prop_collection, name: str) -> None:
-    """Remove those of that name that no scene shows any more."""
+    """Remove the datablocks called `name` that have no users any more."""
     for each in [each for each in blocks if is_called(each, name) and each.users == 0]:
         blocks.remove(each)
 
 
 def samples_for(scene: bpy.types.Scene) -> int | None:
-    """The samples that a composite gives a scene: those of its look where they are new, or the scene has none of its own; else None."""
-    settings, cycles = scene.seeing_wind, getattr(scene, "cycles", None)  # the panel is drawn without that add-on, too
+    """Samples that a set-up gives the scene: those of its look if changed since the last, or if the scene has none set; else None."""
+    settings, cycles = scene.seeing_wind, getattr(scene, "cycles", None)  # the panel is drawn even if the Cycles add-on is disabled
     asked = settings.composite.samples
     return None if asked == settings.composite_samples and cycles is not None and cycles.is_property_set("samples") else asked
 
 
 def changes(scene: bpy.types.Scene, use_cycles: bool, use_standard: bool, samples: int | None) -> list[tuple[str, str, Any, str]]:
-    """Which render settings `set_render` changes: whose, its name, the new value, and the change in words. Samples of None stay."""
+    """Render settings that `set_render` changes: owner, name, new value, and the change in words. `samples` of None are unchanged."""
     render, view, found = scene.render, scene.view_settings, []
     if use_cycles and render.engine != "CYCLES":
         found.append(("render", "engine", "CYCLES", f"render engine from {_engine(render.engine)} to Cycles"))
@@ -83,7 +83,7 @@ def changes(scene: bpy.types.Scene, use_cycles: bool, use_standard: bool, sample
 
 
 def camera_changes(scene: bpy.types.Scene, fstop: float) -> list[str]:
-    """What a composite changes of the scene's camera, in words: what the viewport shows behind it, and its depth of field."""
+    """Changes that a set-up makes to the scene's camera, in words: its background images and its depth of field."""
     camera, clip, focus, found = scene.camera, scene.active_clip, own_object(scene, FOCUS), []
     if camera is None or camera.type != "CAMERA" or clip is None:
         return []
@@ -107,7 +107,7 @@ def camera_changes(scene: bpy.types.Scene, fstop: float) -> list[str]:
 
 
 def set_render(scene: bpy.types.Scene, use_cycles: bool, use_standard: bool, samples: int | None) -> list[str]:
-    """Let the film be transparent, and engine, samples and colors be as asked. Returns what has changed, in words."""
+    """Make the film transparent, and set engine, samples and view settings as asked. Returns the changes in words."""
     made = changes(scene, use_cycles, use_standard, samples)
     for owner, name, value, _ in made:
         setattr(getattr(scene, owner), name, value)
@@ -115,7 +115,7 @@ def set_render(scene: bpy.types.Scene, use_cycles: bool, use_standard: bool, sam
 
 
 def said_of_render(scene: bpy.types.Scene) -> list[str]:
-    """What the scene's own engine and colors take away from a composite."""
+    """Warnings about what the composite lacks with the scene's present engine and view settings."""
     said, engine, view = [], scene.render.engine, scene.view_settings
     if engine != "CYCLES":
         said.append(f"{_engine(engine)} catches no shadows: tick Use Cycles.")
@@ -125,10 +125,10 @@ def said_of_render(scene: bpy.types.Scene) -> list[str]:
 
 
 def set_output(scene: bpy.types.Scene, path: Path, still: bool) -> Callable[[], None]:
-    """Let a render of the scene write a PNG, or a video as H.264 in MP4, and nothing but the composite.
+    """Set the output to a PNG, or to a video (H.264 in MP4), of the composite alone.
 
     Returns:
-        What gives the scene its own output back. In a window it is called by itself once a render has ended.
+        A function that restores the scene's output settings. With a window, it is called automatically once a render has ended.
     """
     settings = [(owner, scene.path_resolve(owner), name) for owner, names in OUTPUT for name in names]
     former = [(owner, name, getattr(holder, name)) for owner, holder, name in settings if hasattr(holder, name)]
@@ -151,7 +151,7 @@ def set_output(scene: bpy.types.Scene, path: Path, still: bool) -> Callable[[], 
         for owner, name, value in former if found is not None else ():
             setattr(found.path_resolve(owner), name, value)
 
-    def ended(*_: object) -> None:  # in the thread that renders, where no data may be changed
+    def ended(*_: object) -> None:  # called in the render thread, where no data may be changed
         if not bpy.app.timers.is_registered(give_back):
             bpy.app.timers.register(give_back)
 
@@ -161,18 +161,18 @@ def set_output(scene: bpy.types.Scene, path: Path, still: bool) -> Callable[[], 
 
 
 def _recolors(view: bpy.types.ColorManagedViewSettings) -> list[str]:
-    """Names of the view settings that change the clip's colors, too."""
+    """Names of the view settings that also change the clip's colors."""
     return [name for name, value in AS_FILMED.items() if getattr(view, name) != value]
 
 
 def _value(view: bpy.types.ColorManagedViewSettings, name: str) -> str:
-    """The value of a view setting, after its word; "" for what is on or off."""
+    """The value of a view setting as text to follow its name; "" for one that is on or off."""
     value = getattr(view, name)
     return "" if isinstance(value, bool) else f" {value}" if isinstance(value, str) else f" {value:.3g}"
 
 
 def _instead(view: bpy.types.ColorManagedViewSettings, name: str) -> str:
-    """The change of a view setting to what it is in `AS_FILMED`."""
+    """The change of a view setting to its value in `AS_FILMED`, in words."""
     new = AS_FILMED[name]
     if isinstance(new, bool):
         return f"{SETTING[name]} off"
@@ -180,5 +180,5 @@ def _instead(view: bpy.types.ColorManagedViewSettings, name: str) -> str:
 
 
 def _engine(name: str) -> str:
-    """What Blender calls an engine."""
+    """Display name of a render engine."""
     return {"CYCLES": "Cycles", "BLENDER_WORKBENCH": "Workbench"}.get(name, name.removeprefix("BLENDER_").removesuffix("_NEXT"))

@@ -16,11 +16,11 @@ class CompositeTab(Tab):
 
     @classmethod
     def poll(cls, context):
-        """Once there is a clip."""
+        """Only when the scene has a clip."""
         return context.scene is not None and context.scene.active_clip is not None
 
     def fill(self, context, layout):
-        """The light, what catches shadows, the look; set up, then render; what was set up."""
+        """Draw light, shadow catchers and look; the changes that a set-up would make; the buttons; and what was set up."""
         column, settings = columns(layout), context.scene.seeing_wind
         column.prop(settings, "hdri")
         if settings.hdri:

@@ -1,4 +1,4 @@
-"""What a composite is put together from; and what of it is missing, all at once: who mends one thing shall not be told of the next."""
+"""The parts of a composite, and checks that report all missing ones at once, so that the user does not meet them one by one."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from .hdri import panorama
 
 
 def refuse(*checks: Callable[[], object]) -> None:
-    """Make all checks, each of which may raise SeeingWindError.
+    """Run all checks, each of which may raise SeeingWindError.
 
     Raises:
-        SeeingWindError: of a check, where it is the only one that fails.
-        UsageError: what all of them say, where several do.
+        SeeingWindError: the error of the only failing check.
+        UsageError: the errors of several failing checks together.
     """
     found = []
     for check in checks:
@@ -36,11 +36,11 @@ def refuse(*checks: Callable[[], object]) -> None:
 
 
 def check_parts(scene: bpy.types.Scene, use_plate: bool, fstop: float) -> None:
-    """See that a composite can be set up, before anything of the scene is changed. Arguments as of `composite.set_up`.
+    """Check that a composite can be set up, before the scene is changed. Arguments as in `composite.set_up`.
 
     Raises:
-        UsageError: without camera and clip, when the file of clip or panorama is gone, or without a plate or an object that is asked for.
-        TakeError: when the folder of the take is gone.
+        UsageError: when the scene has no camera or clip, the file of clip or panorama is missing, or a required plate or object is missing.
+        TakeError: when the take's folder is missing.
     """
     refuse(
         lambda: _check_camera(scene), lambda: check_film(scene.active_clip), lambda: _check_take(scene, use_plate, fstop),
@@ -61,10 +61,10 @@ def _check_take(scene: bpy.types.Scene, use_plate: bool, fstop: float) -> None:
 
 
 def take_of(settings: bpy.types.PropertyGroup) -> Take | None:
-    """What the scene knows of its clip; None for a scene without a recovery, of which a lone wind is none.
+    """The take that the scene shows; None for a scene without a recovery (a wind without a clip is none).
 
     Raises:
-        TakeError: when its folder is gone: outlines, grain, softness and lens of the clip would be missing.
+        TakeError: when its folder, with the clip's outlines, grain, softness and lens, is missing.
     """
     if not settings.recovered_take or takes.shows_lone(settings):
         return None
@@ -75,7 +75,7 @@ def take_of(settings: bpy.types.PropertyGroup) -> Take | None:
 
 
 def depths_of(take: Take | None) -> np.ndarray | None:
-    """Distance of the object's middle along the camera's axis in every frame (T+1,) [m]; None without an object, or its outlines."""
+    """Depth (T+1,) of the object's centroid along the camera's axis in every frame [m]; None without an object or its outlines."""
     if take is None or not take.file("observation.npz").is_file() or "masks.windows" not in take.read_arrays("observation.npz"):
         return None
     seen = read_seen(take, field_summary(take))
@@ -86,7 +86,7 @@ def depths_of(take: Take | None) -> np.ndarray | None:
 
 
 def plate_of(take: Take | None) -> np.ndarray:
-    """As `background_of`. Raises UsageError where there is none."""
+    """As `background_of`, but raises UsageError if there is no clean plate."""
     if take is None or not take.file("observation.npz").is_file():
         raise UsageError("There is no clean plate.", "It comes from recovering a clip; use the clip itself as background.")
     plate = background_of(take)
@@ -96,7 +96,7 @@ def plate_of(take: Take | None) -> np.ndarray:
 
 
 def background_of(take: Take | None) -> np.ndarray | None:
-    """What is behind the clip's object (H, W, 3) uint8 sRGB, where the take has it."""
+    """The clean plate (H, W, 3) uint8 sRGB, without the clip's object; None if the take has none."""
     if take is None or not take.file("observation.npz").is_file():
         return None
     plate = take.read_arrays("observation.npz").get("background")

@@ -18,7 +18,7 @@ SAMPLES = "Of Cycles, per pixel, given to the scene when this is changed, or whe
 
 
 class Look:
-    """How the edit is put over the clip: properties of the scene, and of the operator that does it."""
+    """How the edit is put over the clip: properties of the scene, and of the operator *Set Up Composite*."""
 
     behind: EnumProperty(name="Behind", items=BEHIND, options=KEPT, description="What is seen behind the edit")
     floor: BoolProperty(
@@ -58,7 +58,7 @@ class Look:
 
 
 LOOK = ("behind", "floor", "wall", "samples", "shutter", "fstop", "grain", "soft", "show_field", "use_cycles", "use_standard")
-"""Names of all of it, as the panel lists them."""
+"""Names of all properties of `Look`, in the panel's order."""
 
 
 class SEEING_WIND_PG_composite(Look, bpy.types.PropertyGroup):
@@ -66,7 +66,7 @@ class SEEING_WIND_PG_composite(Look, bpy.types.PropertyGroup):
 
 
 class CompositeSettings:
-    """The light of the place where the clip was filmed, and the look of what is put there."""
+    """The scene's composite settings: the look of the edit, and the panorama that lights it."""
 
     composite: PointerProperty(type=SEEING_WIND_PG_composite, description="How the edit is put over the clip")
     composite_said: StringProperty(options={"HIDDEN"}, description="What was set up last")

@@ -1,9 +1,9 @@
-"""What the clip's camera puts on everything that it sees, so that a render can have it too.
+"""The look of the clip's camera, to be matched by the render.
 
 grain     its noise, measured in frame 0
-softness  how softly it shows a rim, likewise
+softness  its blur, measured at the object's rim in frame 0
 focus     the depth of field of its lens
-lens      where its lens shows what is rendered
+lens      the distortion of its lens, as ST maps
 """
 
 from .focus import check_depths, keep_focus, set_focus

@@ -1,4 +1,4 @@
-"""How the clip's lens is focused: on the object, wherever that goes."""
+"""Keep the camera focused on the object as it moves."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from ..own import FOCUS, own_object
 
 
 def set_focus(scene: bpy.types.Scene, depths: np.ndarray | None, fstop: float, pace: Pace) -> None:
-    """Let the scene's camera focus on an empty that goes with the object; a focus of the user's own stays without an f-stop.
+    """Focus the scene's camera on an empty that follows the object. With `fstop` 0, the user's own focus is left alone.
 
     Args:
-        depths: of the object along the camera's axis (T+1,), one per clip frame [m]; None where it is not known.
-        fstop: of a lens on a sensor 36 mm wide; 0 takes the empty, and the depth of field with it, away.
+        depths: (T+1,) depth of the object along the camera's axis in each clip frame [m]; None if unknown.
+        fstop: of a lens on a 36 mm wide sensor; 0 removes the empty, and switches off the depth of field that used it.
         pace: of the clip in the scene.
 
     Raises:
@@ -41,18 +41,18 @@ def set_focus(scene: bpy.types.Scene, depths: np.ndarray | None, fstop: float, p
         focus.location = (0.0, 0.0, -depth / unit)
         focus.keyframe_insert("location", frame=pace.at + pace.stride * t)
     make_linear(focus, ["location"])
-    # Blender takes a lens of 50 mm for 0.05 units, whatever these are
+    # Blender takes a 50 mm lens to be 0.05 scene units, whatever the unit
     lens.use_dof, lens.focus_object, lens.aperture_fstop = True, focus, fstop * unit
 
 
 def check_depths(depths: np.ndarray | None) -> None:
-    """UsageError where the depths of the object (T+1,) are not known: there is nothing to focus on."""
+    """Raise UsageError if the object's depths (T+1,) are None, so that there is nothing to focus on."""
     if depths is None:
         raise UsageError("There is no object to focus on.", "Run Recover on a clip, or set Aperture to 0.")
 
 
 def keep_focus(scene: bpy.types.Scene, pace: Pace) -> None:
-    """Let the focus of a scene, if it has one, go by at another pace."""
+    """Retime the animated focus of a scene, if it has one, to another pace."""
     focus = own_object(scene, FOCUS)
     if focus is not None:
         frames = int(scene.seeing_wind.field_object["seeing_wind_frames"]) + 1

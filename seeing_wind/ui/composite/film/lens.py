@@ -1,4 +1,4 @@
-"""The clip's lens as an image: where in a render without distortion each pixel of the clip is found (an ST map)."""
+"""The clip's lens distortion as an ST map: the position in an undistorted render of each pixel of the clip."""
 
 from __future__ import annotations
 
@@ -16,25 +16,25 @@ from ..own import drop_unused
 
 IMAGE, WIDE_IMAGE = "Seeing Wind Lens", "Seeing Wind Wide Lens"
 OUTSIDE = -1.0
-"""Where the render shows nothing of what the clip does."""
+"""Value in an ST map where no position in the render corresponds to the clip's pixel."""
 WIDEST = 1.6
-"""Of a render over the clip's frame: beyond it a lens is a fisheye, and its corners stay empty."""
+"""Largest width of a render relative to the clip's frame. A lens that needs more is a fisheye, and its corners stay empty."""
 
 
 @dataclass(frozen=True)
 class Lens:
-    """The ST maps of a lens. Red and green count from 0 to 1, from the lower left corner to the upper right one."""
+    """The ST maps of a lens. Red and green run from 0 to 1, from the lower left to the upper right corner."""
 
     image: bpy.types.Image
-    """Where in a frame without distortion, of the clip's own width, each pixel of the clip is found."""
+    """Position of each pixel of the clip in an undistorted render as wide as the clip's frame."""
     wide: bpy.types.Image
-    """The same in a render that is `wider`."""
+    """The same for a render that is `wider`."""
     wider: float
-    """How much wider and higher a render must be, so that the lens finds all that it draws in; 1 where it draws in nothing."""
+    """Factor by which the render must be wider and higher to cover the distorted frame; 1 if no enlargement is needed."""
 
 
 def lens_of(take: Take, size: tuple[int, int]) -> Lens | None:
-    """Write the ST maps of a take's lens into the take, and load them; None for a lens that bends nothing, or a take without a camera.
+    """Write the ST maps of a take's lens into the take, and load them; None for a lens without distortion, or a take without a camera.
 
     Args:
         size: width and height of the clip.
@@ -55,13 +55,13 @@ def lens_of(take: Take, size: tuple[int, int]) -> Lens | None:
 
 
 def overscan_of(places: np.ndarray) -> float:
-    """How much wider a render must be to have all places (H, W, 4) of an ST map in it: from 1 to `WIDEST`."""
+    """Factor, from 1 to `WIDEST`, by which a render must be wider to contain all positions in an ST map (H, W, 4)."""
     known = places[..., 0] != OUTSIDE
     return float(np.clip(2.0 * np.abs(places[known][:, :2] - 0.5).max(initial=0.5), 1.0, WIDEST))
 
 
 def widened(places: np.ndarray, wider: float) -> np.ndarray:
-    """The ST map (H, W, 4) into a render that is wider on every side; what is beyond that, too, is `OUTSIDE`."""
+    """The ST map (H, W, 4) for a render that is wider by a factor; `OUTSIDE` where the given map is."""
     found = places.copy()
     found[..., :2] = 0.5 + (places[..., :2] - 0.5) / wider
     found[places[..., 0] == OUTSIDE, :2] = OUTSIDE
@@ -69,13 +69,13 @@ def widened(places: np.ndarray, wider: float) -> np.ndarray:
 
 
 def drop_lenses() -> None:
-    """Remove the maps that no compositor uses any more."""
+    """Remove the ST maps that no compositor uses any more."""
     for name in (IMAGE, WIDE_IMAGE):
         drop_unused(bpy.data.images, name)
 
 
 def _saved(take: Take, name: str, file: str, places: np.ndarray) -> bpy.types.Image:
-    """An ST map as an image of the file and as an EXR in the take."""
+    """Save an ST map as an EXR in the take. Returns it as an image of the .blend file."""
     image = bpy.data.images.new(name, places.shape[1], places.shape[0], float_buffer=True, is_data=True)
     image.pixels.foreach_set(places.ravel())
     with take.writing(f"{FOLDER}/{file}.exr") as aside:
@@ -86,9 +86,9 @@ def _saved(take: Take, name: str, file: str, places: np.ndarray) -> bpy.types.Im
 
 
 def st_map(camera: Camera, size: tuple[int, int]) -> np.ndarray:
-    """(H, W, 4) float32, its first row the lowest: red and green are the place in the render, alpha is 1."""
+    """ST map (H, W, 4) float32, lowest row first: red and green are the position in the undistorted render, alpha is 1."""
     columns, rows = np.meshgrid(np.arange(size[0]), np.arange(size[1])[::-1])
-    # a take may have been observed at a smaller size than its clip's
+    # a take may have been observed at a lower resolution than the clip's
     scale = np.divide((camera.width, camera.height), size)
     found = straightened(camera, (np.stack([columns, rows], axis=-1) + 0.5) * scale - 0.5)
     places = (found + 0.5) / (camera.width, camera.height)

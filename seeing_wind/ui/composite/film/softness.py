@@ -1,4 +1,4 @@
-"""How softly a clip shows what is filmed: its lens, its focus, its sensor and its encoder together."""
+"""The blur of a clip: from lens, focus, sensor and encoder together."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from ..light import LUMINANCE, linear
 from ..mattes import softened, widened
 
 ACROSS, FINE, LEVEL = 5.0, 0.25, 1.5
-"""Pixels: so far from the rim is it looked at on both sides, in such steps, and so much at both ends shows the level of a side."""
+"""Pixels: length of a profile on each side of the rim, its step, and the part at each end that gives the level of that side."""
 EVEN, FAINT, FEW = 0.1, 0.03, 12
-"""Of a step, by which a side may vary; the least step that counts, of linear values in 0..1; and places of the rim that must tell."""
+"""Largest variation of a side as a fraction of the step; smallest usable step in linear values 0..1; least number of usable profiles."""
 INTERPOLATED = 0.14
-"""Squared pixels that sampling between pixels adds to the blur: a sharp step becomes a slope one pixel long."""
+"""Variance [px²] that interpolation between pixels adds to the blur: a sharp step becomes a ramp one pixel long."""
 
 
 
 def softness_of(take: Take) -> float:
-    """How softly the clip shows the object's rim in frame 0: standard deviation of the blur [px]; 0 where it does not tell."""
+    """Standard deviation [px] of the blur at the object's rim in frame 0; 0 if it cannot be measured."""
     arrays = take.read_arrays("observation.npz") if take.file("observation.npz").is_file() else {}
     image = arrays.get("image")
     if image is None or image.ndim != 3 or "masks.windows" not in arrays:
@@ -32,10 +32,10 @@ def softness_of(take: Take) -> float:
 
 
 def softness(image: np.ndarray, mask: np.ndarray) -> float:
-    """Standard deviation [px] of the blur of a mask's rim (H, W) bool in a frame (H, W, 3) uint8 sRGB; 0 where too little of it tells.
+    """Standard deviation [px] of the blur at the rim of a mask (H, W) bool in a frame (H, W, 3) uint8 sRGB; 0 if it cannot be measured.
 
-    Along the rim's normal a sharp step turns into the integral of the blur, and between a quarter and three quarters of a Gaussian's lie
-    1.349 deviations. Only places count where both sides are even; of these the sharper ones, for the others may be blurred by motion.
+    Along the rim's normal, blur turns a sharp step into its own integral; for a Gaussian, this rises from 1/4 to 3/4 within 1.349 standard
+    deviations. Only profiles with uniform sides count, and of their widths the lower quartile, since motion may blur the others.
     """
     shade = linear(image) @ LUMINANCE
     smooth = softened(mask, 4).astype(np.float64)
@@ -60,7 +60,7 @@ def softness(image: np.ndarray, mask: np.ndarray) -> float:
 
 
 def _width(rising: np.ndarray, at: np.ndarray) -> float:
-    """Way between the last place below a quarter and the first one above three quarters of a step from 0 to 1."""
+    """Distance over which a step from 0 to 1 rises from its last value below 1/4 to its first value above 3/4."""
     begin = int(np.flatnonzero(rising < 0.25)[-1])
     end = begin + int(np.flatnonzero(rising[begin:] > 0.75)[0])
     cross = [at[k - 1] + FINE * (level - rising[k - 1]) / (rising[k] - rising[k - 1]) for k, level in ((begin + 1, 0.25), (end, 0.75))]
@@ -68,7 +68,7 @@ def _width(rising: np.ndarray, at: np.ndarray) -> float:
 
 
 def _between(values: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """Values (H, W) at places (..., 2) in rows and columns, linear between the pixels."""
+    """Values (H, W) interpolated bilinearly at positions (..., 2) in rows and columns."""
     low = np.floor(places).astype(int)
     (y, x), (v, u) = np.moveaxis(low, -1, 0), np.moveaxis(places - low, -1, 0)
     upper, lower = ((1.0 - u) * values[row, x] + u * values[row, x + 1] for row in (y, y + 1))
