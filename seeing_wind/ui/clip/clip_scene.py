@@ -1,4 +1,4 @@
-"""The scene of a clip: its camera, its time, its frames behind the scene, and the object that was seen in it."""
+"""The scene of a clip: its camera, timing, background and recovered object."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from .match import ALL, OURS, follow
 
 CAMERA = "Seeing Wind Camera"
 DRAWN = 0.2
-"""Size of the camera's frame in the viewport: as large as Blender's own it would hide what it filmed."""
+"""Size of the camera's frame in the viewport: at Blender's default size it would hide the objects that it filmed."""
 NEAR, FAR = 0.1, 1000.0
-"""Between these distances the clip's camera sees [m], as a new camera of Blender's does in a scene in metres."""
+"""Clipping distances of the clip's camera [m]: Blender's defaults in a scene in metres."""
 UNIT = "seeing_wind_unit"
-"""Custom property of a camera's data: the length of a unit of the scene [m] for which they were set."""
+"""Custom property of a camera's data: the scene's unit length [m] for which these were set."""
 SENSOR_WIDTH = 36.0
-"""mm; the focal length in mm that Blender shows is relative to it."""
+"""Sensor width [mm] to which the focal length in millimetres that Blender shows refers."""
 
 FRAME_COLOUR = "frame_colour"
 """Color attribute of the recovered object: the clip's pixels at its vertices."""
@@ -44,12 +44,12 @@ def setup_clip_scene(
     frame_start: int = 1,
     parts: Collection[str] = ALL,
 ) -> bpy.types.Object:
-    """Put a camera where the clip's stood, with the clip behind it, and let parts of the scene follow the clip.
+    """Set up the clip's camera with the clip as its background, and make parts of the scene follow the clip.
 
     Args:
-        scene: changed. A former camera of this function is used again.
+        scene: changed in place. A camera that this function made before is reused.
         clip_path: of the video.
-        camera: `width height fx fy cx cy` [px] and `camera_to_world` (4, 4) or (T+1, 4, 4), OpenCV's axes, pixel centres at integers.
+        camera: `width height fx fy cx cy` [px] and `camera_to_world` (4, 4) or (T+1, 4, 4) [m]; OpenCV's axes, pixel centres at integers.
         fps: frames per second of the clip.
         first_frame: index in the file of frame 0.
         frames: T, the number of frame intervals; T + 1 clip frames are shown.
@@ -61,7 +61,7 @@ def setup_clip_scene(
 
     Raises:
         ClipError: when Blender cannot read the clip.
-        UsageError: when the camera is none that Blender can have.
+        UsageError: when the camera is incomplete or invalid.
     """
     camera = dict(camera)
     _check_camera(camera, frames)
@@ -72,7 +72,7 @@ def setup_clip_scene(
     _set_reach(obj.data, unit)
     set_poses(obj, np.asarray(camera["camera_to_world"], dtype=np.float64), unit, frame_start)
     set_background(obj.data, clip)
-    # pixels that are not square: Blender stretches one side by a factor of at least one
+    # non-square pixels: Blender stretches one side by a factor of at least one
     aspect = max(camera["fy"] / camera["fx"], 1.0), max(camera["fx"] / camera["fy"], 1.0)
     size = int(camera["width"]), int(camera["height"])
     follow(scene, parts, fps=fps, first=frame_start, last=frame_start + frames, size=size, aspect=aspect, camera=obj)
@@ -91,19 +91,19 @@ def create_recovered_object(
     collection: bpy.types.Collection | None = None,
     outline: np.ndarray | None = None,
 ) -> bpy.types.Object:
-    """The object of the clip as a mesh that wears the pixels of frame 0.
+    """The clip's object as a mesh textured with frame 0.
 
     Args:
         vertices: (V, 3) in frame 0 [m, world].
         triangles: (M, 3).
         uv: (V, 2) in 0..1, origin bottom left.
-        frame: (H, W, 3) uint8 RGB, kept in the .blend, or the path of an image or video (its first frame).
-        collection: where to link it, by default the scene's own collection.
-        outline: (H, W) bool of the object in the frame: where it is known, Solid view shows no pixel from beside the object.
+        frame: (H, W, 3) uint8 RGB, packed into the .blend file, or the path of an image or of a video, whose first frame is used.
+        collection: where to link the object, by default the scene's own collection.
+        outline: (H, W) bool, the object in the frame; if given, Solid view shows no pixel from outside the object.
     """
     mesh = bpy.data.meshes.new(name)
     mesh.from_pydata((np.asarray(vertices) / metres_per_unit(scene)).tolist(), [], np.asarray(triangles).tolist())
-    # drops triangles that Blender cannot hold (a corner twice, the same three corners twice); the vertices all stay
+    # drops triangles that Blender cannot represent (a repeated corner, a duplicate triangle); all vertices stay
     mesh.validate()
     layer, corners = mesh.uv_layers.new(name="Frame"), np.empty(len(mesh.loops), dtype=np.int32)
     mesh.loops.foreach_get("vertex_index", corners)
@@ -118,9 +118,9 @@ def create_recovered_object(
 
 
 def _wear_in_solid_view(mesh: bpy.types.Mesh, uv: np.ndarray, frame: np.ndarray, outline: np.ndarray | None) -> None:
-    """Give every vertex the color of its pixel: Solid view shows the object by these beside the arrows, which have no frame.
+    """Give every vertex the color of its pixel. Solid view then shows vertex colors for the object as for the arrows, which have no texture.
 
-    One at the rim, whose pixel is half of what is behind, takes the color of the nearest vertex that is not.
+    A vertex at the rim, whose pixel is mixed with the background, takes the color of the nearest vertex inside.
     """
     height, width = frame.shape[:2]
     column = np.clip((uv[:, 0] * width).astype(int), 0, width - 1)
@@ -149,7 +149,7 @@ def _check_camera(camera: Mapping[str, Any], frames: int) -> None:
 
 def _load_clip(scene: bpy.types.Scene, path: str | Path, first_frame: int, frame_start: int) -> bpy.types.MovieClip:
     clip = found_clip(str(path), scene) or load_clip(str(path))
-    # a file that is no video loads without a complaint, as a clip of no frames
+    # a file that is no video loads without an error, as a clip with no frames
     if clip.frame_duration < 1:
         if clip.users == 0:
             bpy.data.movieclips.remove(clip)
@@ -167,7 +167,7 @@ def _camera_object(scene: bpy.types.Scene) -> bpy.types.Object:
 
 
 def _set_lens(data: bpy.types.Camera, camera: Mapping[str, Any]) -> None:
-    """Intrinsics. Blender gives the principal point as a shift in widths from the middle; its first pixel covers -0.5..0.5 in ours."""
+    """Set the intrinsics. Blender's shift of the principal point is in frame widths from the middle; our pixel centres are at integers."""
     width, height, fx, fy = (float(camera[key]) for key in ("width", "height", "fx", "fy"))
     data.type, data.sensor_fit, data.sensor_width = "PERSP", "HORIZONTAL", SENSOR_WIDTH
     data.lens = fx * SENSOR_WIDTH / width
@@ -176,17 +176,18 @@ def _set_lens(data: bpy.types.Camera, camera: Mapping[str, Any]) -> None:
 
 
 def _set_reach(data: bpy.types.Camera, unit: float) -> None:
-    """How near and how far it sees, and how large it is drawn, in units of `unit` metres; once a unit, so that what the user sets stays."""
+    """Set clipping distances and drawn size for scene units of `unit` metres; only when `unit` changes, so that the user's values stay."""
     if data.get(UNIT) != unit:
         data.clip_start, data.clip_end, data.display_size, data[UNIT] = NEAR / unit, FAR / unit, DRAWN / unit, unit
 
 
 def set_poses(obj: bpy.types.Object, poses: np.ndarray, unit: float, frame_start: int) -> None:
-    """Place the clip's camera, with a keyframe in every frame where it moves.
+    """Pose the clip's camera, with a keyframe in every frame if it moves.
 
     Args:
-        poses: `camera_to_world` (4, 4) or, from `frame_start` on, (F, 4, 4) [m], OpenCV's axes.
-        unit: length of a unit of the scene [m].
+        poses: `camera_to_world` (4, 4), or (F, 4, 4) for a moving camera [m], OpenCV's axes.
+        unit: length of a scene unit [m].
+        frame_start: scene frame of the first pose.
     """
     obj.animation_data_clear()
     moving = poses.ndim == 3
@@ -197,7 +198,7 @@ def set_poses(obj: bpy.types.Object, poses: np.ndarray, unit: float, frame_start
         obj.location = pose[:3, 3] / unit
         rotation = Matrix(pose[:3, :3].tolist()).to_quaternion()
         if previous is not None:
-            # the same turn has two quaternions; the nearer one keeps the curve from swinging round between frames
+            # q and -q are the same rotation; the nearer one avoids a long turn between frames
             rotation.make_compatible(previous)
         obj.rotation_quaternion = previous = rotation
         if moving:
@@ -206,7 +207,7 @@ def set_poses(obj: bpy.types.Object, poses: np.ndarray, unit: float, frame_start
 
 
 def set_background(data: bpy.types.Camera, clip: bpy.types.MovieClip) -> None:
-    """Show the clip behind everything that the camera sees, and nothing else."""
+    """Make the clip the camera's only background image."""
     data.background_images.clear()
     data.show_background_images = True
     background = data.background_images.new()
@@ -215,13 +216,13 @@ def set_background(data: bpy.types.Camera, clip: bpy.types.MovieClip) -> None:
 
 
 def frame_image(name: str, frame: np.ndarray | str | Path) -> bpy.types.Image:
-    """Pixels (H, W, 3) uint8 RGB as an image packed into the file, or the image of a path."""
+    """Pixels (H, W, 3) uint8 RGB as an image packed into the .blend file, or the image at a path."""
     if not isinstance(frame, np.ndarray):
         return bpy.data.images.load(str(Path(frame).resolve()), check_existing=True)
     height, width = frame.shape[:2]
     image = bpy.data.images.new(name, width, height)
     pixels = np.ones((height, width, 4), dtype=np.float32)
-    # Blender's first row is the lowest
+    # Blender's rows start at the bottom
     pixels[..., :3] = frame[::-1] / 255.0
     image.pixels.foreach_set(pixels.ravel())
     image.update()
@@ -230,7 +231,7 @@ def frame_image(name: str, frame: np.ndarray | str | Path) -> bpy.types.Image:
 
 
 def _frame_material(name: str, image: bpy.types.Image) -> bpy.types.Material:
-    """Shows the image as it is: the clip's light is in the pixels already."""
+    """A material that emits the image as it is, since its pixels already contain the clip's light."""
     material = bpy.data.materials.new(name)
     material.use_nodes = True
     nodes, links = material.node_tree.nodes, material.node_tree.links

@@ -8,7 +8,7 @@ from .inputs.clips import first_clip_frame, loaded_clip, scene_frame
 from .on_frame import LOOKING, OnFrame, draw_rectangle
 
 SMALLEST = 3.0
-"""Pixels of the clip that a box must measure: less is a click by mistake."""
+"""Least size of a box in pixels of the clip: a smaller one is an accidental click."""
 
 
 class SEEING_WIND_OT_draw_box(OnFrame, bpy.types.Operator):
@@ -28,7 +28,7 @@ class SEEING_WIND_OT_draw_box(OnFrame, bpy.types.Operator):
     )  # fmt: skip
 
     def execute(self, context):
-        """Take the box over, as drawn or as given."""
+        """Store the box, as drawn or as given, in the settings."""
         settings = context.scene.seeing_wind
         left, top, right, bottom = self.box
         if right - left < SMALLEST or bottom - top < SMALLEST:
@@ -52,7 +52,7 @@ class SEEING_WIND_OT_draw_box(OnFrame, bpy.types.Operator):
         return {"RUNNING_MODAL"}
 
     def modal(self, context, event):
-        """Press, drag, release; the view can still be moved and zoomed before."""
+        """Press, drag, release; before that, the view can be moved and zoomed."""
         ended = self.given_up(context, event)
         if ended is not None:
             return ended
@@ -72,12 +72,12 @@ class SEEING_WIND_OT_draw_box(OnFrame, bpy.types.Operator):
 
             self.box = box_in_frame(corners, self.start, self.at(event), *self.size)
             return self.execute(context)
-        # not undo, nor anything else that changes the scene under the box
+        # block undo and everything else that would change the scene under the box
         looks = event.type.startswith(LOOKING) and self.start is None
         return {"PASS_THROUGH"} if looks or event.type.startswith("TIMER") else {"RUNNING_MODAL"}
 
     def draw_over(self, context, corners) -> None:
-        """The box as it is drawn; before, the former one."""
+        """Draw the box being dragged or, before that, the former one."""
         if self.start is not None:
             low, high = (tuple(map(pick, self.start, self.stop)) for pick in (min, max))
             draw_rectangle(low, high, (1.0, 0.55, 0.1, 1.0))

@@ -1,4 +1,4 @@
-"""Where the clip's frame lies on the screen: in the Movie Clip Editor, and behind the scene in a camera view."""
+"""Position of the clip's frame on the screen: in the Movie Clip Editor, and as the background of a camera view."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from bpy_extras.view3d_utils import location_3d_to_region_2d
 
 
 def frame_corners(context: bpy.types.Context, region: bpy.types.Region) -> np.ndarray | None:
-    """Lower left and upper right corner (2, 2) of the frame in a region's pixels; None where the region shows none."""
+    """Lower left and upper right corner (2, 2) of the frame in a region's pixels; None if the region does not show the frame."""
     space = context.space_data
     if space.type == "CLIP_EDITOR":
         return np.array([region.view2d.view_to_region(u, v, clip=False) for u, v in ((0.0, 0.0), (1.0, 1.0))], dtype=np.float64)
@@ -27,18 +27,18 @@ def box_in_frame(corners: np.ndarray, start: np.ndarray, end: np.ndarray, width:
     """Left, top, right, bottom [px of the clip, origin top left] of a box drawn from `start` to `end` (2,) in the region's pixels.
 
     Args:
-        corners: of `frame_corners`. What lies outside the frame is cut off.
+        corners: of `frame_corners`. The box is clipped to the frame.
     """
     points = (np.stack([start, end]) - corners[0]) / (corners[1] - corners[0])
     low, high = np.clip(points.min(axis=0), 0.0, 1.0), np.clip(points.max(axis=0), 0.0, 1.0)
-    # the region counts from below; the first pixel covers -0.5..0.5
+    # the region's y points up; the clip's pixel centres are at integers
     left, right = (np.clip(value * width - 0.5, 0.0, width - 1.0) for value in (low[0], high[0]))
     top, bottom = (np.clip((1.0 - value) * height - 0.5, 0.0, height - 1.0) for value in (high[1], low[1]))
     return round(float(left), 1), round(float(top), 1), round(float(right), 1), round(float(bottom), 1)
 
 
 def point_in_frame(corners: np.ndarray, at: tuple[float, float], width: int, height: int) -> tuple[float, float]:
-    """Pixel of the clip, the origin top left, at a place `at` in the region's pixels; beside the frame where that is."""
+    """Pixel of the clip (origin top left) at the position `at` in the region's pixels; not clipped to the frame."""
     share = (np.array(at) - corners[0]) / (corners[1] - corners[0])
     return round(float(share[0] * width - 0.5), 1), round(float((1.0 - share[1]) * height - 0.5), 1)
 

@@ -1,4 +1,4 @@
-"""What is marked stays in sight: the boxes of the object and of its held place, over the clip's first frame."""
+"""Draw the boxes that mark the object and its held place over the clip's first frame."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _handlers: list[tuple[type, object]] = []
 
 
 def marks_of(scene: bpy.types.Scene) -> list[tuple[tuple[float, ...], tuple[float, ...]]]:
-    """Boxes [px of the clip] with their colours that belong over the frame which the scene shows now; they go when their step folds."""
+    """Boxes [px of the clip] with their colours, to be drawn over the scene's present frame; none while the panel *Object* is folded."""
     settings, clip = scene.seeing_wind, scene.active_clip
     if clip is None or not settings.shows_object or scene.frame_current != scene_frame(clip, first_clip_frame(settings)):
         return []
@@ -38,7 +38,7 @@ def _draw() -> None:
 
 
 def _shows_clip(space: bpy.types.Space, scene: bpy.types.Scene) -> bool:
-    """Whether a space shows the scene's clip, in the viewport behind the camera."""
+    """Whether a space shows the scene's clip, in a viewport as the camera's background."""
     if space.type == "CLIP_EDITOR":
         return space.clip == scene.active_clip and space.mode == "TRACKING"
     camera = scene.camera
@@ -48,13 +48,13 @@ def _shows_clip(space: bpy.types.Space, scene: bpy.types.Scene) -> bool:
 
 
 def register() -> None:
-    """Draw in both editors."""
+    """Start drawing in both editors."""
     unregister()
     _handlers.extend((space, space.draw_handler_add(_draw, (), "WINDOW", "POST_PIXEL")) for space in SPACES)
 
 
 def unregister() -> None:
-    """No more."""
+    """Stop drawing."""
     for space, handler in _handlers:
         space.draw_handler_remove(handler, "WINDOW")
     _handlers.clear()

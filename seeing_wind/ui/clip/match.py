@@ -1,7 +1,7 @@
-"""What of a scene follows its clip: frame rate, range, size, colours, active camera. A shot that is there already is left alone.
+"""Which settings of a scene follow its clip: frame rate, range, size, colours, active camera. An existing shot is left alone.
 
-A fresh scene follows the clip in everything. In any other the user's say counts (`SEEING_WIND_OT_match_scene`); until then it follows in
-nothing that it has of its own.
+In a fresh scene, all of them follow the clip. In any other, the user decides (`SEEING_WIND_OT_match_scene`); until then, only the active
+camera follows, and only if the scene has none.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ PARTS = [
 ]
 ALL = frozenset(part for part, _, _ in PARTS)
 FACTORY = {"Cube": "MESH", "Camera": "CAMERA", "Light": "LIGHT"}
-"""Objects of a new file."""
+"""Names and types of the objects in a new file."""
 OURS = "seeing_wind_camera"
 """Custom property of the camera that stands where the clip's did."""
 
 
 def is_factory(obj: bpy.types.Object) -> bool:
-    """Whether an object is one of a new file, as Blender has made it."""
+    """Whether an object is one of a new file's default objects, unchanged."""
     untouched = obj.animation_data is None and not obj.modifiers and not obj.constraints and obj.parent is None
     if FACTORY.get(obj.name) != obj.type or not untouched:
         return False
@@ -39,7 +39,7 @@ def is_factory(obj: bpy.types.Object) -> bool:
 
 
 def is_fresh(scene: bpy.types.Scene) -> bool:
-    """Whether a scene has nothing of its own: as a new file begins, or empty."""
+    """Whether a scene is like that of a new file: default settings, and no objects but default ones."""
     render = scene.render
     own = [obj for obj in scene.objects if not is_factory(obj)]
     as_new = (scene.frame_start, scene.frame_end, render.fps, render.fps_base) == (1, 250, 24, 1.0)
@@ -47,7 +47,7 @@ def is_fresh(scene: bpy.types.Scene) -> bool:
 
 
 def followed(scene: bpy.types.Scene) -> frozenset[str]:
-    """The parts that follow the clip; decided the first time that this is asked."""
+    """The parts that follow the clip; decided at the first call for a scene."""
     settings = scene.seeing_wind
     if not settings.follows_decided:
         settings.follows = set(ALL) if is_fresh(scene) else {"CAMERA"} - ({"CAMERA"} if scene.camera is not None else set())
@@ -56,7 +56,7 @@ def followed(scene: bpy.types.Scene) -> frozenset[str]:
 
 
 def hide_default_cube(scene: bpy.types.Scene) -> str:
-    """Let a new file's cube stand in front of nothing; says so where it was seen until now, else ""."""
+    """Hide a new file's default cube. Returns a note if it was visible until now, else ""."""
     layer = scene.view_layers[0]
     cube = layer.objects.get("Cube")
     if cube is None or not is_factory(cube) or cube in [body.object for body in scene.seeing_wind.bodies]:
@@ -71,14 +71,14 @@ def hide_default_cube(scene: bpy.types.Scene) -> str:
 
 
 def left_alone(scene: bpy.types.Scene) -> str:
-    """The parts that do not follow, for a person; "" when all do."""
+    """A note on the parts that do not follow the clip; "" if all do."""
     parts = followed(scene)
     names = [name.lower() for part, name, _ in PARTS if part not in parts]
     return f"the scene keeps its own {', '.join(names)} (Match Scene changes that)" if names else ""
 
 
 def said_of_range(scene: bpy.types.Scene, first: int, last: int) -> str:
-    """What to do where the scene's range shows nothing of frames `first` to `last`, at which the clip is; "" where it does."""
+    """What to do if the scene's range does not overlap the clip's scene frames `first` to `last`; "" if it does."""
     if first <= scene.frame_end and last >= scene.frame_start:
         return ""
     return (
@@ -98,14 +98,14 @@ def follow(
     aspect: tuple[float, float] | None,
     camera: bpy.types.Object | None,
 ) -> None:
-    """Let the given parts of a scene be as the clip's.
+    """Set the given parts of a scene to match the clip.
 
     Args:
         fps: frames per second of the clip.
         first, last: scene frames of its first and last clip frame.
         size: width and height [px].
-        aspect: of a pixel; None leaves it.
-        camera: that stands where the clip's did.
+        aspect: pixel aspect, x and y; None leaves it unchanged.
+        camera: the clip's camera.
     """
     render = scene.render
     if "FPS" in parts:

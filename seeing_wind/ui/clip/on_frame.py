@@ -1,4 +1,4 @@
-"""Waiting for the mouse over the clip's frame, in a camera view or the Movie Clip Editor: what a box and a point are marked with."""
+"""Wait for the mouse over the clip's frame, in a camera view or the Movie Clip Editor, to mark a box or a point."""
 
 import bpy
 import gpu
@@ -9,21 +9,21 @@ from ..job.operator import redraw
 from .inputs.clips import loaded_clip
 
 LOOKING = ("MOUSE", "INBETWEEN_MOUSEMOVE", "MIDDLEMOUSE", "WHEEL", "TRACKPAD", "NDOF", "NUMPAD", "HOME")
-"""How the names of the events begin that move the view."""
+"""Prefixes of the names of events that move the view."""
 
 
 class OnFrame:
-    """Mix-in of a modal operator: the clip comes before the scene while it waits, and what was there returns when it ends."""
+    """Mix-in of a modal operator: shows the clip in front of the scene while it waits, and restores the view when it ends."""
 
     def begin(self, context, says: str, cursor: str) -> bool:
-        """Show the clip and wait; False, and a report, where there is none to show."""
+        """Show the clip and start waiting. Reports an error and returns False if no clip can be shown."""
         scene, space = context.scene, context.space_data
         try:
             clip = loaded_clip(scene.seeing_wind)
         except (ClipError, UsageError) as error:
             self.report({"ERROR"}, str(error))
             return False
-        # names and numbers, no datablocks: a job that ends meanwhile may make them anew
+        # names and numbers, not datablocks: a job that ends meanwhile may recreate these
         self.clip, self.size, self.former = clip.name, tuple(clip.size), None
         if space is not None and space.type == "CLIP_EDITOR":
             space.clip = clip
@@ -45,7 +45,7 @@ class OnFrame:
         return True
 
     def given_up(self, context, event) -> set[str] | None:
-        """What `modal` returns, the wait ended, when the user cancels or clicks elsewhere; None to go on."""
+        """The return value for `modal` if the user cancels or clicks elsewhere, which ends the wait; None to go on."""
         if event.type in {"ESC", "RIGHTMOUSE"} or self.area not in context.screen.areas.values():
             self.end(context)
             return {"CANCELLED"}
@@ -55,11 +55,11 @@ class OnFrame:
         return None
 
     def at(self, event) -> tuple[float, float]:
-        """Where the mouse is in the region."""
+        """Position of the mouse in the region [px]."""
         return float(event.mouse_x - self.region.x), float(event.mouse_y - self.region.y)
 
     def corners(self, context):
-        """Of the frame in the region, as `frame_corners`; None, and a report, where it is not in view."""
+        """`frame_corners` of the region. Reports an error and returns None if the frame is not in view."""
         from .frame_on_screen import frame_corners  # needs NumPy
 
         with context.temp_override(area=self.area, region=self.region, space_data=self.area.spaces.active):
@@ -69,7 +69,7 @@ class OnFrame:
         return found
 
     def end(self, context) -> None:
-        """Everything as it was; may be called again."""
+        """Restore everything; further calls do nothing."""
         if self.handler is None:
             return
         self.space_type.draw_handler_remove(self.handler, "WINDOW")
@@ -82,11 +82,11 @@ class OnFrame:
         redraw()
 
     def cancel(self, context):
-        """Blender ends the operator: a file is loaded or the window closed."""
+        """End the wait when Blender cancels the operator, because a file is loaded or the window closed."""
         self.end(context)
 
     def draw_over(self, context, corners) -> None:
-        """What is seen over the frame between `corners` meanwhile."""
+        """Draw over the frame, which lies between `corners`, during the wait."""
         raise NotImplementedError
 
     def _elsewhere(self, event) -> bool:
@@ -95,14 +95,14 @@ class OnFrame:
         return not _holds(self.region, event) or any(_holds(each, event) for each in sidebars)
 
     def _bring_forward(self, scene) -> None:
-        """Show the clip before everything: things in the scene may hide it."""
+        """Show the clip in front of the scene, whose objects may hide it."""
         camera, background = scene.camera.data, self._background(scene)
         if background is not None:
             self.former = (background.display_depth, background.alpha, camera.show_background_images)
             background.display_depth, background.alpha, camera.show_background_images = "FRONT", 1.0, True
 
     def _background(self, scene):
-        """The clip behind the scene's camera, None where it is not shown."""
+        """The background image of the scene's camera that shows the clip; None if there is none."""
         images = scene.camera.data.background_images if scene.camera is not None and scene.camera.type == "CAMERA" else ()
         return next((each for each in images if each.clip is not None and each.clip.name == self.clip), None)
 
@@ -121,7 +121,7 @@ def _holds(region, event) -> bool:
 
 
 def draw_rectangle(low, high, colour: tuple[float, float, float, float]) -> None:
-    """An outline, filled with a tenth of its colour."""
+    """Draw a rectangle's outline, and fill it at a tenth of its opacity."""
     corners = [(low[0], low[1]), (high[0], low[1]), (high[0], high[1]), (low[0], high[1])]
     shader = gpu.shader.from_builtin("UNIFORM_COLOR")
     gpu.state.blend_set("ALPHA")

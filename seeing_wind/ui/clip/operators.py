@@ -1,4 +1,4 @@
-"""The first of three clicks: choose a clip; and what of the scene follows it."""
+"""Choose a clip, the first of three clicks, and the scene settings that follow it."""
 
 import math
 import os
@@ -28,23 +28,23 @@ class SEEING_WIND_OT_choose_clip(DirectOperator, bpy.types.Operator):
     filter_glob: StringProperty(
         default="*" + VIDEOS.replace(";", ";*") + ";*.png;*.jpg;*.jpeg;*.tif;*.tiff;*.bmp;*.webp", options={"HIDDEN"}
     )
-    # hidden: the file browser would show it as a box to tick
+    # hidden: the file browser would show it as a checkbox
     active: BoolProperty(name="Active Clip", options={"SKIP_SAVE", "HIDDEN"}, description=ACTIVE)
 
     @classmethod
     def description(cls, context, properties):
-        """The two buttons say what they are for."""
+        """The tooltip: the panel has two buttons for this operator."""
         return ACTIVE if properties.active else cls.__doc__
 
     def invoke(self, context, event):
-        """A dropped file comes with its path; otherwise the file browser asks for it."""
+        """Run at once for a dropped file or the active clip; otherwise open the file browser."""
         if self.filepath or self.active:
             return self.execute(context)
         context.window_manager.fileselect_add(self)
         return {"RUNNING_MODAL"}
 
     def act(self, context):
-        """The clip is seen behind the scene at once."""
+        """Load the clip and show it behind the scene."""
         scene = context.scene
         settings = scene.seeing_wind
         path = self.filepath
@@ -62,13 +62,13 @@ class SEEING_WIND_OT_choose_clip(DirectOperator, bpy.types.Operator):
         except ClipError:
             settings.clip = former
             raise
-        if former and another:  # boxes, points and frames that were chosen for the former one mean nothing here
+        if former and another:  # boxes, points and frames of the former clip do not apply to this one
             settings.box = settings.held_box = (0.0, 0.0, 0.0, 0.0)
             settings.use_frames = False
             settings.corrections.clear()
         settings.frame_start = start_of(clip, first_clip_frame(settings), settings.frame_start)
         ask = not settings.follows_decided
-        parts, kept = followed(scene), left_alone(scene)  # before the clip makes the scene another one
+        parts, kept = followed(scene), left_alone(scene)  # before the clip changes the scene
         scene.active_clip = clip
         _show(scene, clip, parts)
         if bpy.data.filepath and context.preferences.filepaths.use_relative_paths:
@@ -93,16 +93,16 @@ class SEEING_WIND_OT_match_scene(DirectOperator, bpy.types.Operator):
     )
 
     def invoke(self, context, event):
-        """Ask; what follows already is ticked."""
+        """Ask in a dialog in which the parts that already follow are ticked."""
         self.parts = set(followed(context.scene))
         return context.window_manager.invoke_props_dialog(self, title="Which settings follow the clip?", confirm_text="Match")
 
     def draw(self, context):
-        """One below the other: side by side their names are cut off."""
+        """Draw the parts in a column, since their names are cut off in a row."""
         self.layout.column(align=True).prop(self, "parts")
 
     def act(self, context):
-        """At once."""
+        """Make the chosen parts follow the clip at once."""
         scene = context.scene
         settings = scene.seeing_wind
         clip = loaded_clip(settings)
@@ -121,7 +121,7 @@ class SEEING_WIND_OT_match_scene(DirectOperator, bpy.types.Operator):
 
 
 def _show(scene: bpy.types.Scene, clip: bpy.types.MovieClip, parts: frozenset[str]) -> None:
-    """Put the clip behind the camera that Recover will use: the scene's own where the settings say so, else one of ours."""
+    """Make the clip the background of the camera that Recover will use: the scene's own if the settings say so, else ours."""
     from .clip_scene import set_background, setup_clip_scene  # these need NumPy
     from .inputs.camera import camera_source
 
@@ -153,7 +153,7 @@ class SEEING_WIND_FH_clip(bpy.types.FileHandler):
 
     @classmethod
     def poll_drop(cls, context):
-        """Where the panels are."""
+        """Accept a drop in the editors that have our panels."""
         return context.area is not None and context.area.type in {"VIEW_3D", "CLIP_EDITOR"}
 
 

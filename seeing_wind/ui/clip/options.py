@@ -1,4 +1,4 @@
-"""The clip's part of what the engine is asked."""
+"""The clip's part of the request to the engine."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ View = tuple[str, str, str]
 
 
 def clip_options(settings: bpy.types.PropertyGroup, values: dict[str, Any]) -> tuple[str, dict[str, Any], tuple[View, ...]]:
-    """The clip's path or pattern, which part of it as values of `ObserveSettings`, and further views.
+    """The clip's path or pattern, its rate and range as values of `ObserveSettings`, and the further views.
 
     Args:
         settings: of the scene.
-        values: of its options, by `values_of`.
+        values: of the scene's options, by `values_of`.
 
     Raises:
-        ClipError: when there is no such file.
-        UsageError: when a file of a further view is not there.
+        ClipError: when no clip is chosen, its file does not exist, or the range of frames is empty.
+        UsageError: when a file of a further view is missing.
     """
     if not settings.clip:
         raise ClipError("No clip is chosen.", "Choose a video of something that is moved by forces.")
@@ -33,7 +33,7 @@ def clip_options(settings: bpy.types.PropertyGroup, values: dict[str, Any]) -> t
     if not os.path.isfile(path):
         raise ClipError(f"There is no file {path}.", "Choose the clip again; it may have been moved.")
     clip, fps, frames = as_pattern(path), values["fps"], values["frames"]
-    if fps is None and clip != path:  # images carry no rate: they play at the scene's
+    if fps is None and clip != path:  # images have no frame rate: they play at the scene's
         render = settings.id_data.render
         fps = single(render.fps / render.fps_base)
     if frames is not None and frames[1] <= frames[0]:

@@ -16,7 +16,7 @@ class ClipTab(Tab):
     step = "clip"
 
     def fill(self, context, layout):
-        """The engine's state comes first: without one nothing works."""
+        """Draw the engine's state first, since nothing works without an engine; then the clip's settings."""
         if status.engine.problem is not None or "engine" in status.of(context.scene.session_uid).steps:
             draw_engine(layout, context)
         row = layout.row(align=True)
@@ -39,7 +39,7 @@ class ClipTab(Tab):
 
 
 def _draw_time(layout, settings) -> None:
-    """Which frames, how fast, where in the scene."""
+    """Draw the clip's range, rate, and first scene frame."""
     first, last = settings.frames
     title = f"Frames {first} to {last}" if settings.use_frames else "Frames and Time"
     column = fold(layout, "time", title)
@@ -54,7 +54,7 @@ def _draw_time(layout, settings) -> None:
 
 
 def _draw_views(layout, settings, space: str) -> None:
-    """Other cameras that saw the same."""
+    """Draw the list of further views."""
     body = fold(layout, "views", "Further Views", closed=not len(settings.views))
     if body is None:
         return
@@ -69,7 +69,7 @@ class SEEING_WIND_UL_views(bpy.types.UIList):
     """Further views of the object."""
 
     def draw_item(self, context, layout, data, item, icon, active_data, active_property, index):
-        """Its clip."""
+        """Draw the file name of the view's clip."""
         layout.label(text=os.path.basename(item.clip) or "No clip", icon="CAMERA_DATA")
 
 

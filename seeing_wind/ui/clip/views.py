@@ -19,7 +19,7 @@ class SEEING_WIND_OT_add_view(DirectOperator, bpy.types.Operator):
     mask: StringProperty(name="Mask", subtype="FILE_PATH", options=PATH, description="PNG of that view's first frame")
 
     def act(self, context):
-        """Its files can be chosen afterwards."""
+        """Add the view; its files can be chosen afterwards."""
         settings = context.scene.seeing_wind
         view = settings.views.add()
         view.clip, view.camera, view.mask = self.clip, self.camera, self.mask
@@ -34,7 +34,7 @@ class SEEING_WIND_OT_remove_view(DirectOperator, bpy.types.Operator):
     bl_label = "Remove View"
 
     def act(self, context):
-        """Its files are not touched."""
+        """Remove the view from the list, but not its files from disk."""
         settings = context.scene.seeing_wind
         index = settings.active_view
         if index >= len(settings.views):

@@ -78,7 +78,7 @@ def bands_of(scene: bpy.types.Scene, count: int) -> np.ndarray:
 
 
 def _on_a_card(heights: np.ndarray, around: np.ndarray) -> np.ndarray:
-    """Light (3,) of the surroundings `around` (B, 3) at `heights` (B,) on an upright surface; equal steps in height are equal solid angles."""
+    """Light (3,) on an upright surface from `around` (B, 3) at `heights` (B,); equal steps in height are equal solid angles."""
     z = np.linspace(-1.0, 1.0, 513)
     facing = np.sqrt(1.0 - z**2)
     return np.array([facing @ np.interp(z, heights, channel) for channel in around.T]) / facing.sum()

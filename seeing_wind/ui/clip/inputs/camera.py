@@ -1,4 +1,4 @@
-"""Cameras of the scene and of a camera solve as the engine's JSON: the inverse of what `clip_scene` does."""
+"""Write the scene's camera or a camera solve as the engine's JSON: the inverse of `clip_scene`."""
 
 from __future__ import annotations
 
@@ -20,15 +20,19 @@ BLENDER_TO_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
 """Blender's camera looks along -Z with Y up, OpenCV's along +Z with Y down."""
 
 LENS = ("k1", "k2", "p1", "p2", "k3")
-"""OpenCV's numbers of a lens, in its order."""
+"""OpenCV's distortion coefficients, in its order."""
 
 NO_CAMERA = ("The scene has no camera.", "Add one where the clip was filmed from, or use a field of view.")
 SPARE = 8
-"""Rows beyond the clip's length: two libraries may count its frames differently by one or two."""
+"""Extra rows beyond the clip's length, since two libraries may disagree by one or two about its number of frames."""
 
 
 def camera_source(scene: bpy.types.Scene) -> tuple:
-    """Where the camera comes from, as a stamp of it: ("solve", ...), ("scene", ...), or () for the field of view or a file."""
+    """The source of the camera, with a stamp: ("solve", ...), ("scene", ...), or () for a field of view or a file.
+
+    Raises:
+        UsageError: when the solve or camera that the settings choose does not exist.
+    """
     settings = scene.seeing_wind
     clip = clip_of(settings)
     solved = clip is not None and clip.tracking.reconstruction.is_valid and len(clip.tracking.reconstruction.cameras) > 0
@@ -59,10 +63,10 @@ def write_camera(scene: bpy.types.Scene, path: Path) -> None:
 def scene_camera(scene: bpy.types.Scene) -> dict[str, Any]:
     """`width height fx fy cx cy` [px] and `camera_to_world` (rows, 4, 4) [m], one per frame of the file, OpenCV's axes.
 
-    Where the settings take it from elsewhere, it is the scene's camera.
+    If the settings take the camera from a field of view or a file, this is the scene's camera.
 
     Raises:
-        UsageError: no such camera, or one that is no perspective camera.
+        UsageError: when there is no such camera, it is not perspective, or its lens model is not supported.
     """
     settings, clip = scene.seeing_wind, loaded_clip(scene.seeing_wind)
     clip_frames = clip.frame_duration + clip.frame_offset + SPARE
@@ -75,13 +79,13 @@ def scene_camera(scene: bpy.types.Scene) -> dict[str, Any]:
         lens, poses = _lens(scene, scene.camera, clip), _evaluated(scene, scene.camera, clip, clip_frames, settings)
     rigid = poses.copy()
     for pose in rigid:
-        u, _, vt = np.linalg.svd(pose[:3, :3])  # a scaled camera object sees the same
+        u, _, vt = np.linalg.svd(pose[:3, :3])  # removes scale, which does not change what a camera sees
         pose[:3, :3] = u @ vt
     return lens | {"camera_to_world": (rigid @ BLENDER_TO_OPENCV).tolist()}
 
 
 def first_camera(scene: bpy.types.Scene) -> Camera:
-    """`scene_camera` in the clip's first frame."""
+    """`scene_camera` in the first frame used of the clip."""
     given = scene_camera(scene)
     numbers = {name: given[name] for name in ("width", "height", "fx", "fy", "cx", "cy")}
     pose = np.array(given["camera_to_world"][first_clip_frame(scene.seeing_wind)])
@@ -89,11 +93,11 @@ def first_camera(scene: bpy.types.Scene) -> Camera:
 
 
 def _lens(scene: bpy.types.Scene, obj: bpy.types.Object, clip: bpy.types.MovieClip) -> dict[str, Any]:
-    """Intrinsics of a camera object whose frame is the clip's frame."""
+    """Intrinsics of a camera object that renders the clip's frame."""
     data, (width, height) = obj.data, clip.size
     if data.type != "PERSP":
         raise UsageError(f"{obj.name} is no perspective camera.", "Set its type to Perspective, or use a field of view.")
-    # pixels that are not square: Blender measures in units of the wider side after stretching
+    # non-square pixels: Blender measures in units of the wider side after stretching
     aspect_x, aspect_y = scene.render.pixel_aspect_x, scene.render.pixel_aspect_y
     fit = data.sensor_fit
     if fit == "AUTO":
@@ -114,11 +118,11 @@ def _lens(scene: bpy.types.Scene, obj: bpy.types.Object, clip: bpy.types.MovieCl
 
 
 def _solved_lens(clip: bpy.types.MovieClip) -> dict[str, Any]:
-    """Intrinsics that the solve found or was given."""
+    """Intrinsics of the solve, estimated or given, with `_distortion`."""
     camera, (width, height) = clip.tracking.camera, clip.size
     x, y = camera.principal_point_pixels
     focal = camera.focal_length_pixels
-    # Blender's principal point counts from the frame's lower left corner
+    # Blender's principal point is measured from the frame's lower left corner
     lens = {
         "width": int(width),
         "height": int(height),
@@ -131,16 +135,16 @@ def _solved_lens(clip: bpy.types.MovieClip) -> dict[str, Any]:
 
 
 def _distortion(camera: bpy.types.MovieTrackingCamera, corner: float) -> dict[str, float]:
-    """The lens of a solve as OpenCV's `k1 k2 p1 p2 k3`, for lengths in focal lengths; empty for one that bends nothing.
+    """A solve's lens distortion as OpenCV's `k1 k2 p1 p2 k3`, for radii in focal lengths; empty for no distortion.
 
-    Blender's Polynomial and Brown are OpenCV's formulas by other names. Its Division says how a pixel is bent back, r / (1 + k1 r² +
-    k2 r⁴), so OpenCV's radial numbers are fitted to it, over the frame up to its corners.
+    Blender's models Polynomial and Brown are OpenCV's formulas. Its model Division gives the inverse, the undistorted radius
+    r / (1 + k1 r² + k2 r⁴), so OpenCV's radial coefficients are fitted to it, over the frame up to its corners.
 
     Args:
-        corner: how far the frame's corners are from its middle [focal lengths].
+        corner: distance of the frame's corners from its middle [focal lengths].
 
     Raises:
-        UsageError: for a lens that OpenCV's formula does not have.
+        UsageError: for a lens model that OpenCV's formula cannot express.
     """
     model = camera.distortion_model
     if model == "POLYNOMIAL":
@@ -162,7 +166,7 @@ def _distortion(camera: bpy.types.MovieTrackingCamera, corner: float) -> dict[st
 
 
 def _solved_object(scene: bpy.types.Scene) -> bpy.types.Object | None:
-    """The camera that a Camera Solver constraint moves: its own place holds the orientation and scale that the user gave the solve."""
+    """The camera with a Camera Solver constraint, if any: its own transform is the orientation and scale that the user gave the solve."""
     found = [obj for obj in scene.objects if obj.type == "CAMERA" and any(each.type == "CAMERA_SOLVER" for each in obj.constraints)]
     return scene.camera if scene.camera in found else found[0] if found else None
 
@@ -174,9 +178,9 @@ def _evaluated(
     clip_frames: int,
     settings: bpy.types.PropertyGroup | None = None,
 ) -> np.ndarray:
-    """Poses (frames, 4, 4) of an object [m], Blender's axes, frame by frame only where it moves.
+    """Poses (clip_frames, 4, 4) of an object [m], Blender's axes; the scene is played only if the object moves.
 
-    With `settings`, the first frame used stands at the settings' first frame; without, the clip's own place in time counts.
+    With `settings`, the first frame used is at the settings' first scene frame; without, at the scene frame where Blender shows it.
     """
     unit, before = metres_per_unit(scene), scene.frame_current_final
     lineage = [obj]
@@ -199,7 +203,7 @@ def _evaluated(
 
 
 def _reconstructed(clip: bpy.types.MovieClip, clip_frames: int, unit: float) -> np.ndarray:
-    """Poses (frames, 4, 4) of the solve itself [m]; a frame without a solved camera takes that of the nearest one."""
+    """Poses (clip_frames, 4, 4) of the solve itself [m]; a frame without a solved camera takes the nearest frame's."""
     solved = {camera.frame: np.array(camera.matrix) for camera in clip.tracking.reconstruction.cameras}
     frames = np.array(sorted(solved))
     poses = np.empty((clip_frames, 4, 4))

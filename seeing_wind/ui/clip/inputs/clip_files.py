@@ -1,4 +1,4 @@
-"""The files of a clip, and which of them are one film. Without bpy: the takes ask too, on which the movie clips of a scene stand."""
+"""The files of a clip, and whether two paths lead to the same film. Without bpy, since `takes`, which `clips` imports, uses it too."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from ....engine.conventions import IMAGE_SUFFIXES, image_files, is_sequence
 
 IMAGES = {*IMAGE_SUFFIXES, ".dpx"}
 PIECES, PIECE = 16, 4096
-"""Of a file, by which a changed one is known from a copy, and bytes of each."""
+"""Number of pieces of a file in its digest, and bytes of each piece."""
 
 
 def as_pattern(path: str) -> str:
-    """The path of a video as it is; that of one image of a sequence as the pattern of all, which the engine reads."""
+    """For an image of a numbered sequence, the pattern of the sequence, which the engine reads; any other path unchanged."""
     place = Path(path)
     if place.suffix.lower() not in IMAGES or "%" in place.name or "*" in place.name:
         return path
@@ -29,20 +29,20 @@ def as_pattern(path: str) -> str:
 
 
 def files_of(path: str) -> list[Path]:
-    """The files of a clip in their order: the video itself, or the images that the engine reads for a folder, pattern or image."""
+    """The files of a clip in order: the video itself, or the images that the engine reads for a folder, pattern or image."""
     pattern = as_pattern(path)
     return (image_files(pattern) if is_sequence(pattern) else []) or [Path(path)]
 
 
 def opened_by(path: str) -> str:
-    """The path by which Blender opens a clip: a sequence by its first frame, from which the engine counts too."""
+    """The path by which Blender opens a clip: for a sequence, its first image, from which the engine counts too."""
     return str(files_of(path)[0])
 
 
 def is_another_film(path: str, than: str) -> bool:
     """Whether two paths lead to different films.
 
-    A film that was copied is no other one, nor is one that was moved: it has its name, and there is none any more where it was.
+    A copy is the same film. So is a moved one: its name is the same, and at least one of the two files no longer exists.
     """
     one, other = opened_by(path), opened_by(than)
     if os.path.realpath(one) == os.path.realpath(other):
@@ -53,12 +53,12 @@ def is_another_film(path: str, than: str) -> bool:
 
 
 def content_of(path: str | os.PathLike[str]) -> str:
-    """What stands for a file in a digest of settings: pieces spread over its content, whatever its date, which a copy may not keep.
+    """Digest of a file for use in a digest of settings: of pieces spread over its content, not its date, which a copy may not keep.
 
-    The engine reads files whole before it calls a stage done; a panel that is drawn at every change cannot.
+    Reading whole files, as the engine does before it calls a stage done, would be too slow for a panel that is redrawn at every change.
 
     Raises:
-        OSError: it is not there.
+        OSError: when the file does not exist.
     """
     entry = os.stat(path)
     return _pieces(os.fspath(path), entry.st_size, entry.st_mtime_ns)
@@ -66,7 +66,7 @@ def content_of(path: str | os.PathLike[str]) -> str:
 
 @functools.lru_cache(maxsize=1 << 14)
 def _pieces(path: str, size: int, changed: int) -> str:
-    """Read once as long as the file is not written to, which `changed` tells. A job says what is wrong with one that cannot be read."""
+    """Digest of the pieces, cached until size or modification time `changed` differ. An unreadable file is left for a job to report."""
     digest = hashlib.sha256(str(size).encode())
     try:
         with open(path, "rb") as file:

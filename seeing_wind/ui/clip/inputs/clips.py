@@ -1,4 +1,4 @@
-"""The clip of the settings as Blender's movie clip, and which of its frames stands at which frame of the scene."""
+"""The clip of the settings as Blender's movie clip, and which scene frame shows which of its frames."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from .clip_files import as_pattern, content_of, files_of, opened_by
 from .pace import Pace, pace_of, set_pace
 
 PLACED = "seeing_wind_placed"
-"""Custom property of the clips that we have loaded."""
+"""Custom property of the movie clips that we loaded."""
 
 
 def clip_of(settings: bpy.types.PropertyGroup) -> bpy.types.MovieClip | None:
-    """The movie clip of the file that the settings name, None while Blender has not loaded it."""
+    """The movie clip of the file in the settings; None while Blender has not loaded it."""
     return found_clip(absolute(settings.clip), settings.id_data) if settings.clip else None
 
 
 def found_clip(path: str, scene: bpy.types.Scene) -> bpy.types.MovieClip | None:
-    """The movie clip of a file, however its own path is written; None while Blender has not loaded it.
+    """The movie clip of a file, whatever form its stored path has; None while Blender has not loaded it.
 
-    Where several show the file at different frames, that of the scene.
+    If several movie clips show the file, the scene's active one is preferred.
     """
     wanted = os.path.realpath(opened_by(path))
     found = [clip for clip in bpy.data.movieclips if os.path.realpath(absolute(clip.filepath, clip.library)) == wanted]
@@ -33,13 +33,13 @@ def found_clip(path: str, scene: bpy.types.Scene) -> bpy.types.MovieClip | None:
 
 
 def place_clip(scene: bpy.types.Scene, clip: bpy.types.MovieClip, frame: int, pace: Pace) -> bpy.types.MovieClip:
-    """Let a scene show a clip at a pace, one frame of its file as the first; returns the clip that it shows.
+    """Make a scene show a clip at a pace, beginning with `frame` of its file. Returns the movie clip that the scene then shows.
 
-    A clip has one place in time, whichever scene shows it: where another one shows it at other frames, this scene gets a copy, with the
-    tracks and solves of the original.
+    A movie clip has the same timing in all scenes. If it is also active in another scene and its timing must change, this scene gets a
+    copy, with the original's tracks and solves.
 
     Raises:
-        UsageError: for a clip of another file, whose frames would not last a scene frame each.
+        UsageError: for a clip linked from another .blend file, if its frames would not last one scene frame each.
     """
     first, now = pace_of(clip)
     there = (now.stride, now.frame_of(frame - first)) == (pace.stride, pace.at)
@@ -50,7 +50,7 @@ def place_clip(scene: bpy.types.Scene, clip: bpy.types.MovieClip, frame: int, pa
 
 
 def _show_instead(scene: bpy.types.Scene, former: bpy.types.MovieClip, clip: bpy.types.MovieClip) -> bpy.types.MovieClip:
-    """Put a clip wherever only this scene shows a former one: on cameras that no other scene has, and in the compositor."""
+    """Replace a movie clip wherever only this scene shows it: on cameras in no other scene, and in the compositor."""
     cameras = [obj.data for obj in scene.objects if obj.type == "CAMERA" and obj.users_scene == (scene,)]
     tree = getattr(scene, "compositing_node_group", None) or getattr(scene, "node_tree", None)
     shows = [*(each for camera in cameras for each in camera.background_images), *(tree.nodes if tree is not None else ())]
@@ -63,9 +63,9 @@ def _show_instead(scene: bpy.types.Scene, former: bpy.types.MovieClip, clip: bpy
 
 
 def follow_moved(settings: bpy.types.PropertyGroup, path: str) -> bool:
-    """Whether a path is where the clip of the settings has been moved to: it has its name, and where the clip was there is none any more.
+    """Whether the clip of the settings has been moved to `path`: the name is the same, and its old file no longer exists.
 
-    Blender's movie clips of it follow, with their tracks, masks and solves.
+    If so, Blender's movie clips of the file are set to the new path, and keep their tracks, masks and solves.
     """
     former = opened_by(absolute(settings.clip)) if settings.clip else ""
     if not former or os.path.isfile(former) or os.path.basename(former) != os.path.basename(opened_by(path)):
@@ -76,21 +76,21 @@ def follow_moved(settings: bpy.types.PropertyGroup, path: str) -> bool:
 
 
 def clip_of_take(settings: bpy.types.PropertyGroup, named: str, folder: Path) -> str:
-    """Where the clip of a take is, which may have been moved or copied since: its original may be there still, and is another project's.
+    """Present path of a take's clip, which may have been moved or copied with its project; the original may still exist elsewhere.
 
     Args:
-        settings: of the scene that the take comes into.
-        named: the path by which the take calls its clip.
-        folder: of the take, where it is now.
+        settings: of the scene that loads the take.
+        named: path of the clip in the take's records.
+        folder: present folder of the take.
     """
     written = [absolute(settings.clip)] if settings.clip else []
     beside = [os.path.join(os.path.dirname(bpy.data.filepath), os.path.basename(named))] if bpy.data.filepath else []
-    # a copy of the very clip is the scene's own
+    # the scene's own clip, if it is a copy of the take's
     own = [each for each in written if _is_same(each, named) and os.path.isfile(opened_by(named)) and _content(each) == _content(named)]
     if settings.recovered_take and takes.shown(settings) == folder:
         own += written if settings.clip.startswith("//") else []
         former = Path(settings.recovered_take)
-        if former != folder and former.drive == Path(named).drive:  # the clip stands to the take as it did before
+        if former != folder and former.drive == Path(named).drive:  # the clip's path relative to the take is unchanged
             own = [*own, os.path.normpath(folder.parent / os.path.relpath(named, former.parent))]
     return next((each for each in (*own, named, *written, *beside) if _is_same(each, named)), named)
 
@@ -100,12 +100,12 @@ def _content(path: str) -> str:
 
 
 def _is_same(candidate: str, named: str) -> bool:
-    """Whether a clip that is there has the name of another one: a sequence that of its pattern, whichever frame stands for it."""
+    """Whether a clip exists and has the name of another; a sequence counts by the name of its pattern, whichever image the path names."""
     return os.path.basename(as_pattern(candidate)) == os.path.basename(named) and os.path.isfile(opened_by(candidate))
 
 
 def load_clip(path: str) -> bpy.types.MovieClip:
-    """Load the movie clip of a file, and note that its place in time is ours to choose.
+    """Load the movie clip of a file, and mark it as ours, so that we may change its timing.
 
     Raises:
         ClipError: when Blender cannot read it.
@@ -122,12 +122,12 @@ def load_clip(path: str) -> bpy.types.MovieClip:
 
 
 def start_of(clip: bpy.types.MovieClip, clip_frame: int, otherwise: int) -> int:
-    """Scene frame of a frame of a clip's file: where the user has put it, or `otherwise` for a clip that we have loaded."""
+    """Scene frame of frame `clip_frame` of a clip's file: as the user placed the clip, or `otherwise` for a clip that we loaded."""
     return otherwise if clip.get(PLACED) else scene_frame(clip, clip_frame)
 
 
 def loaded_clip(settings: bpy.types.PropertyGroup) -> bpy.types.MovieClip:
-    """`clip_of`, loaded now if need be.
+    """`clip_of`, loaded now if necessary.
 
     Raises:
         ClipError: when none is chosen, or Blender cannot read it.
@@ -143,7 +143,7 @@ def loaded_clip(settings: bpy.types.PropertyGroup) -> bpy.types.MovieClip:
 
 
 def first_clip_frame(settings: bpy.types.PropertyGroup) -> int:
-    """Index in the file of the first frame that is used."""
+    """Index in the clip's file of the first frame used."""
     return settings.frames[0] if settings.use_frames else 0
 
 
@@ -154,19 +154,19 @@ def scene_frame(clip: bpy.types.MovieClip, clip_frame: int) -> int:
 
 
 def marker_frame(clip: bpy.types.MovieClip, clip_frame: int) -> int:
-    """Frame number by which the clip's markers and solved cameras call a frame of its file."""
+    """Frame number of a frame of the clip's file in its markers and solved cameras."""
     return clip_frame - clip.frame_offset + 1
 
 
 def check_film(clip: bpy.types.MovieClip | None) -> None:
-    """UsageError for a clip without its file: Blender renders nothing in its place."""
+    """Raise UsageError if the clip's file is missing: Blender would render nothing in its place."""
     path = absolute(clip.filepath, clip.library) if clip is not None else ""
     if clip is not None and not Path(path).is_file():
         raise UsageError(f"There is no file {path}.", "Put it back, or choose the clip again.")
 
 
 def is_footage(path: Path) -> bool:
-    """Whether a file is what a movie clip or an image of this .blend shows."""
+    """Whether a movie clip or an image of this .blend file shows the file `path`."""
     shown = [(clip, opened_by(absolute(clip.filepath, clip.library))) for clip in bpy.data.movieclips if clip.filepath]
     films = [file for clip, film in shown for file in (files_of(film) if clip.source == "SEQUENCE" else [Path(film)])]
     images = [Path(absolute(each.filepath, each.library)) for each in bpy.data.images if each.filepath and each.users]
@@ -175,6 +175,6 @@ def is_footage(path: Path) -> bool:
 
 
 def refuse_footage(path: Path) -> None:
-    """UsageError for a file to be written that is footage: it would be lost."""
+    """Raise UsageError if the file to be written is footage, which would be lost."""
     if is_footage(path):
         raise UsageError(f"{path} is footage that this file shows; rendering into it would destroy it.", "Render into another file.")

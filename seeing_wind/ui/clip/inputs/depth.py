@@ -1,4 +1,4 @@
-"""The depth of a proxy mesh that stands where the object is in the first frame, as the clip's camera sees it."""
+"""Depth map of a proxy mesh at the object's place in the first frame, as seen by the clip's camera."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from .lens import straightened
 
 
 def write_depth(scene: bpy.types.Scene, path: Path) -> None:
-    """Cast a ray through each pixel: (H, W) float32 metres along the view axis, infinite where the proxy is not.
+    """Write the proxy's depth map as NPY: (H, W) float32, depth along the view axis [m], infinite beside the proxy.
 
     Raises:
         UsageError: when the camera does not see the proxy.
@@ -44,7 +44,7 @@ def write_depth(scene: bpy.types.Scene, path: Path) -> None:
 
 
 def depth_of(vertices: np.ndarray, triangles: np.ndarray, camera: Camera) -> np.ndarray:
-    """Depth (H, W) float32 [m] of a mesh, vertices (V, 3) [m] and triangles (M, 3), at each pixel that the camera filmed."""
+    """Depth (H, W) float32 [m] at each pixel of a mesh with vertices (V, 3) [m] and triangles (M, 3), by casting rays; inf beside it."""
     pose = camera.pose(0)
     local = (vertices - pose[:3, 3]) @ pose[:3, :3]
     tree = BVHTree.FromPolygons([Vector(vertex) for vertex in local], triangles.tolist())
@@ -53,7 +53,7 @@ def depth_of(vertices: np.ndarray, triangles: np.ndarray, camera: Camera) -> np.
     straight = straightened(camera, np.stack(np.meshgrid(columns, rows), axis=-1))
     for row, line in zip(rows, straight):
         for column, (u, v) in zip(columns, line.tolist()):
-            if not math.isfinite(u + v):  # beyond the lens
+            if not math.isfinite(u + v):  # the lens shows nothing here
                 continue
             hit = tree.ray_cast(Vector(), Vector(((u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, 1.0)))[0]
             if hit is not None:
@@ -62,8 +62,8 @@ def depth_of(vertices: np.ndarray, triangles: np.ndarray, camera: Camera) -> np.
 
 
 def _seen(local: np.ndarray, camera: Camera) -> tuple[range, range]:
-    """Columns and rows of the pixels in which the mesh can be; local (V, 3) in OpenCV's camera axes [m]."""
-    if (local[:, 2] <= 1e-6).any():  # part of it is behind the camera: its box in the frame has no meaning
+    """Columns and rows of the pixels that the mesh may cover; `local` (V, 3) are its vertices in OpenCV's camera axes [m]."""
+    if (local[:, 2] <= 1e-6).any():  # partly behind the camera: its projected bounding box is meaningless
         return range(camera.width), range(camera.height)
     xy = local[:, :2] / local[:, 2:] * (camera.fx, camera.fy) + (camera.cx, camera.cy)
     filmed = camera.filmed(xy)

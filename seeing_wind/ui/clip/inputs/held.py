@@ -1,4 +1,4 @@
-"""What the scene says of the place at which the object is held, as the PNG of the first frame that the engine reads."""
+"""Write the held place, as marked in the scene, as the PNG of the first frame that the engine reads."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from .clips import loaded_clip
 from .mask import write_png
 
 HALF = 0.5
-"""Weight from which on a vertex counts as held."""
+"""Least weight of a held vertex."""
 TINIEST = 1e-9
-"""Pixels squared: a triangle that measures less is seen from its edge."""
+"""Twice the area [px²] below which a triangle counts as seen edge-on."""
 
 
 def write_held_box(scene: bpy.types.Scene, path: Path) -> None:
-    """Draw the held box of the settings at the clip's size."""
+    """Write the held box of the settings as a PNG of the clip's size."""
     settings = scene.seeing_wind
     width, height = loaded_clip(settings).size
     x0, y0, x1, y1 = settings.held_box
@@ -36,13 +36,13 @@ def write_held_box(scene: bpy.types.Scene, path: Path) -> None:
 
 
 def write_painted(scene: bpy.types.Scene, obj: bpy.types.Object, group: str, folder: Path) -> Path:
-    """Draw where the painted part of a mesh is in the clip's first frame. Returns the file, whose name changes with what it shows.
+    """Write the painted part of a mesh in the clip's first frame as a PNG. Returns its path, whose name depends on the content.
 
-    The recovered object is seen through its take's camera, any other mesh through the clip's as the scene has it. What is painted on the
-    far side counts, too: the object is held there all the same.
+    The recovered object is seen through its take's camera, any other mesh through the scene's camera of the clip. Painted parts on the far
+    side count too, since the object is held there all the same.
 
     Raises:
-        UsageError: no vertex of half the weight or more, or none that the camera sees.
+        UsageError: when no vertex has a weight of `HALF` or more, or the camera sees none of these.
     """
     settings, before = scene.seeing_wind, scene.frame_current
     camera = _camera(scene, obj)
@@ -58,7 +58,7 @@ def write_painted(scene: bpy.types.Scene, obj: bpy.types.Object, group: str, fol
     weight[index] = found
     size = tuple(loaded_clip(settings).size)
     xy, depth = camera.project(vertices * metres_per_unit(scene))
-    # a take may have been observed at a smaller size than its clip's
+    # a take may have been observed at a lower resolution than the clip's
     xy = (camera.filmed(xy) + 0.5) * np.divide(size, (camera.width, camera.height)) - 0.5
     weight[depth <= 0.0] = 0.0
     inside = painted_pixels(xy, weight, triangles[(depth[triangles] > 0.0).all(axis=1)], *size)
@@ -75,11 +75,11 @@ def write_painted(scene: bpy.types.Scene, obj: bpy.types.Object, group: str, fol
 
 
 def painted_pixels(xy: np.ndarray, weight: np.ndarray, triangles: np.ndarray, width: int, height: int) -> np.ndarray:
-    """(H, W) bool: pixels in which a mesh has a weight of `HALF` or more; vertices xy (V, 2) [px], weight (V,), triangles (M, 3)."""
+    """Pixels (H, W) bool at which a mesh's weight is `HALF` or more, from vertices xy (V, 2) [px], weight (V,) and triangles (M, 3)."""
     inside = np.zeros((height, width), dtype=bool)
     at = np.round(xy[(weight >= HALF) & np.isfinite(xy).all(axis=1)]).astype(np.int64)
     seen = at[((at >= 0) & (at < (width, height))).all(axis=1)]
-    inside[seen[:, 1], seen[:, 0]] = True  # what is seen from its edge, or smaller than a pixel
+    inside[seen[:, 1], seen[:, 0]] = True  # for parts seen edge-on or smaller than a pixel
     for corners in triangles[(weight[triangles] >= HALF).any(axis=1)]:
         a, b, c = xy[corners]
         area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
@@ -96,7 +96,7 @@ def painted_pixels(xy: np.ndarray, weight: np.ndarray, triangles: np.ndarray, wi
 
 
 def _camera(scene: bpy.types.Scene, obj: bpy.types.Object) -> Camera:
-    """The camera of the clip's first frame that saw a mesh."""
+    """The camera of the clip's first frame through which to see a mesh."""
     settings = scene.seeing_wind
     if obj == settings.recovered_object and settings.recovered_take:
         take = Take(shown(settings))

@@ -1,4 +1,4 @@
-"""From what a lens showed back to what a pinhole would have: the inverse of `Camera.filmed`."""
+"""Undistort pixels, from the clip's lens to a pinhole camera: the inverse of `Camera.filmed`."""
 
 from __future__ import annotations
 
@@ -7,23 +7,23 @@ import numpy as np
 from ....engine.records import Camera
 
 ROUNDS, SMALLEST = 30, 1e-6
-"""Steps of Newton's method at most, and when it has found a pixel [px]."""
+"""Maximum number of steps of Newton's method, and its tolerance [px]."""
 WIDEST = 10.0
-"""Focal lengths from the middle, 84 degrees: no pinhole sees more."""
+"""Largest radius in focal lengths, at an angle of 84 degrees: no pinhole camera sees more."""
 
 
 def straightened(camera: Camera, xy: np.ndarray) -> np.ndarray:
-    """Pixels (..., 2) of the clip's file as those of the pinhole camera; NaN where the lens shows nothing."""
+    """Pixels (..., 2) of the clip -> pixels of the pinhole camera; NaN where no point is imaged."""
     wanted = np.asarray(xy, dtype=np.float64)
     found = wanted.copy()
     if not any(camera.distortion):
         return found
-    with np.errstate(all="ignore"):  # what lies beyond the lens runs away
+    with np.errstate(all="ignore"):  # pixels beyond the lens diverge
         for _ in range(ROUNDS):
             away = camera.filmed(found) - wanted
             if not np.nanmax(np.abs(away)) > SMALLEST:
                 break
-            # the lens's own slopes: columns of its derivative
+            # columns of the distortion's Jacobian, by central differences
             (ax, ay), (bx, by) = (
                 np.moveaxis(camera.filmed(found + step) - camera.filmed(found - step), -1, 0) for step in 0.5 * np.eye(2)
             )
@@ -37,7 +37,7 @@ def straightened(camera: Camera, xy: np.ndarray) -> np.ndarray:
 
 
 def _reach(distortion: tuple[float, ...]) -> float:
-    """Focal lengths from the middle up to which a lens shows things in their order; farther out its formula folds the frame over."""
+    """Radius [focal lengths] up to which the distortion is monotonic; farther out, its formula folds the image over."""
     k1, k2, _, _, k3 = distortion
     radius = np.linspace(0.0, WIDEST, 2001)
     folded = 1.0 + 3.0 * k1 * radius**2 + 5.0 * k2 * radius**4 + 7.0 * k3 * radius**6 <= 0.0

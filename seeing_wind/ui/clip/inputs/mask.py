@@ -1,4 +1,4 @@
-"""Blender's masks and plane tracks as the PNG of the first frame that the engine reads."""
+"""Write Blender's masks and plane tracks as the PNG that the engine reads."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ SEGMENT = 24
 
 
 def write_mask(scene: bpy.types.Scene, mask: bpy.types.Mask, path: Path, clip_frame: int | None = None) -> None:
-    """Draw a mask as it is at a frame of the clip's file, by default the first that is used, at the clip's size.
+    """Write a mask, at a frame of the clip's file (by default the first one used), as a PNG of the clip's size.
 
     Raises:
-        ObjectError: when nothing is inside it.
+        ObjectError: when the mask is empty.
     """
     settings, clip, before = scene.seeing_wind, loaded_clip(scene.seeing_wind), scene.frame_current
     clip_frame = first_clip_frame(settings) if clip_frame is None else clip_frame
@@ -39,10 +39,10 @@ def write_mask(scene: bpy.types.Scene, mask: bpy.types.Mask, path: Path, clip_fr
 
 
 def write_plane_mask(scene: bpy.types.Scene, path: Path) -> None:
-    """Draw the inside of the active plane track (or the first one) in the first frame.
+    """Write the inside of the active plane track (or the first one) in the first frame as a PNG.
 
     Raises:
-        ObjectError: when it has no marker there.
+        ObjectError: when the track has no marker there.
     """
     settings, clip = scene.seeing_wind, loaded_clip(scene.seeing_wind)
     planes = clip.tracking.plane_tracks
@@ -55,7 +55,7 @@ def write_plane_mask(scene: bpy.types.Scene, path: Path) -> None:
 
 
 def mask_pixels(mask: bpy.types.Mask, width: int, height: int) -> np.ndarray:
-    """(H, W) bool: the pixels whose centre is inside a mask; layers are blended as in Blender, feather does not count."""
+    """Pixels (H, W) bool whose centres are inside a mask; layers are blended as in Blender, feather is ignored."""
     total, side = np.zeros((height, width)), max(width, height)
     for layer in mask.layers:
         if layer.hide_render:
@@ -64,7 +64,7 @@ def mask_pixels(mask: bpy.types.Mask, width: int, height: int) -> np.ndarray:
         for spline in layer.splines:
             if spline.use_cyclic and spline.use_fill and len(spline.points) > 1:
                 outline = _outline(spline) - 0.5
-                # normalised by the larger side, about the frame's middle
+                # mask coordinates are relative to the frame's middle, in units of its longer side
                 x, y = outline[:, 0] * side + 0.5 * width, outline[:, 1] * side + 0.5 * height
                 covered ^= polygon_pixels(np.stack([x - 0.5, height - y - 0.5], axis=1), width, height)
         value = layer.alpha * (~covered if layer.invert else covered)
@@ -86,7 +86,7 @@ _BLEND = {
 
 
 def mask_stamp(mask: bpy.types.Mask) -> tuple:
-    """Of the control points of all layers."""
+    """Stamp of the layers' settings and control points; handles and feather do not count."""
     return tuple(
         (layer.name, layer.blend, layer.invert, layer.alpha, layer.hide_render, spline.use_cyclic, *(tuple(p.co) for p in spline.points))
         for layer in mask.layers
@@ -95,7 +95,7 @@ def mask_stamp(mask: bpy.types.Mask) -> tuple:
 
 
 def polygon_pixels(corners: np.ndarray, width: int, height: int) -> np.ndarray:
-    """(H, W) bool: the pixels whose centre (at integers) is inside a polygon of corners (N, 2) [px], by the even-odd rule."""
+    """Pixels (H, W) bool whose centres (at integers) are inside a polygon with corners (N, 2) [px], by the even-odd rule."""
     inside = np.zeros((height, width), dtype=bool)
     columns, following = np.arange(width), np.roll(corners, -1, axis=0)
     for row in range(max(int(corners[:, 1].min()), 0), min(int(np.ceil(corners[:, 1].max())) + 1, height)):
@@ -107,13 +107,13 @@ def polygon_pixels(corners: np.ndarray, width: int, height: int) -> np.ndarray:
 
 
 def write_png(path: Path, inside: np.ndarray) -> None:
-    """A grey PNG of 0 and 255."""
+    """Write a mask (H, W) bool as a grey PNG of 0 and 255."""
     with Take(path.parent).writing(path.name) as aside:
         aside.write_bytes(png(255 * inside.astype(np.uint8)))
 
 
 def png(image: np.ndarray) -> bytes:
-    """A grey image (H, W), or one in colour (H, W, 3), uint8, as a PNG file."""
+    """A grey (H, W) or RGB (H, W, 3) uint8 image as the bytes of a PNG file."""
     height, width = image.shape[:2]
     rows = np.concatenate([np.zeros((height, 1), np.uint8), image.reshape(height, -1)], axis=1).tobytes()
 
@@ -125,7 +125,7 @@ def png(image: np.ndarray) -> bytes:
 
 
 def _outline(spline: bpy.types.MaskSpline) -> np.ndarray:
-    """A closed spline as a polygon (N, 2), in Blender's coordinates."""
+    """A closed spline sampled as a polygon (N, 2), in Blender's mask coordinates."""
     points, parts = list(spline.points), []
     t = np.linspace(0.0, 1.0, SEGMENT, endpoint=False)[:, None]
     for here, there in zip(points, points[1:] + points[:1]):
