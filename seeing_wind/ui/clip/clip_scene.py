@@ -118,7 +118,7 @@ def create_recovered_object(
 
 
 def _wear_in_solid_view(mesh: bpy.types.Mesh, uv: np.ndarray, frame: np.ndarray, outline: np.ndarray | None) -> None:
-    """Give every vertex the color of its pixel. Solid view then shows vertex colors for the object as for the arrows, which have no texture.
+    """Give every vertex the color of its pixel. Solid view then shows vertex colors for the object and the arrows, which have no texture.
 
     A vertex at the rim, whose pixel is mixed with the background, takes the color of the nearest vertex inside.
     """

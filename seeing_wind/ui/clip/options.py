@@ -13,7 +13,7 @@ from ..user_paths import absolute
 from .inputs.clip_files import as_pattern
 
 View = tuple[str, str, str]
-"""Paths of its clip, camera and mask."""
+"""Paths of a further view's clip, camera and mask."""
 
 
 def clip_options(settings: bpy.types.PropertyGroup, values: dict[str, Any]) -> tuple[str, dict[str, Any], tuple[View, ...]]:

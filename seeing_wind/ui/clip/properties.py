@@ -14,9 +14,9 @@ from ..property_kinds import choice, file_path
 from .match import PARTS
 
 OF_THE_CLIP = ("fps", "frames", "camera", "fov")
+"""Options of `ObserveSettings` that belong to the clip; the others belong to the object in it."""
 FULL_FRAME = 36.0
-"""Width of the sensor that focal lengths are counted for [mm]."""
-"""Options of `ObserveSettings` that belong to the clip; the others to the object in it."""
+"""Width of the sensor to which focal lengths refer [mm]."""
 
 
 @with_options(ObserveSettings, only=OF_THE_CLIP)
@@ -50,7 +50,7 @@ def _set_focal_length(settings, value: float) -> None:
 
 
 class ClipSettings:
-    """What only the scene has."""
+    """Settings that only a scene has, not the operator *Recover*."""
 
     focal_length: FloatProperty(
         name="35 mm Equivalent (mm)", get=_focal_length, set=_set_focal_length, default=38.6, min=0.5, max=2000.0, precision=1, step=100,

@@ -15,7 +15,7 @@ from .clips import first_clip_frame, loaded_clip, scene_frame
 from .tracks import plane_corners
 
 SEGMENT = 24
-"""Straight lines that stand for one Bézier segment of a mask."""
+"""Number of straight lines that approximate one Bézier segment of a mask."""
 
 
 def write_mask(scene: bpy.types.Scene, mask: bpy.types.Mask, path: Path, clip_frame: int | None = None) -> None:

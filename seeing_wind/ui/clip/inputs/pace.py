@@ -1,8 +1,8 @@
-"""A clip whose frames do not last a scene frame each: every frame of the scene shows the nearest one.
+"""A clip whose frames do not last one scene frame each: every scene frame shows the nearest clip frame.
 
-Blender has no speed for movie clips. It has the frame at which a clip begins, which may have a driver: from frame to frame it is moved so
-that the right clip frame comes. Tracks and solves count clip frames and stay where they are. An image sequence has an offset, which
-may have a driver, too. Both are plain arithmetic, which Blender evaluates in files that it does not trust.
+Blender has no playback speed for movie clips. But the frame at which a clip begins can have a driver, which shifts it at every scene frame
+so that the right clip frame is shown. Tracks and solves are stored by clip frame and stay valid. For an image sequence, the offset has
+such a driver. Both drivers are plain arithmetic, which Blender also evaluates in files that it does not trust.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ from ....engine.errors import UsageError
 from ...field.display import stride_of
 
 PACE = "seeing_wind_pace"
-"""Custom property of a movie clip whose frames do not last a scene frame each: (first scene frame, first clip frame, scene frames each)."""
+"""Custom property of a movie clip whose frames do not last one scene frame each: (first scene frame, first clip frame, stride)."""
 JUST = 1e-6
-"""Of a frame: rounding must not decide which one comes where two are as near."""
+"""Fraction of a frame, so that rounding errors do not decide between two equally near frames."""
 LONG = 300_000
-"""Frames, the most that Blender has: an image sequence must not end before its images do."""
+"""Blender's largest number of frames: an image sequence must not end before its images do."""
 
 
 @dataclass(frozen=True)
 class Pace:
-    """Which frame is shown when."""
+    """Which clip frame is shown at which scene frame."""
 
     at: int
     """Scene frame of the first clip frame."""
@@ -35,11 +35,11 @@ class Pace:
     """Scene frames that a clip frame lasts."""
 
     def shown(self, frame: int) -> int:
-        """Number of the clip frame, from the first, that a scene frame shows."""
+        """The clip frame, counted from the first one used, that a scene frame shows."""
         return math.floor((frame - self.at) / self.stride + 0.5 + JUST)
 
     def frame_of(self, number: int) -> int:
-        """The scene frame nearest to a clip frame."""
+        """The scene frame nearest to clip frame `number`, counted from the first one used."""
         return math.floor(self.at + self.stride * number + 0.5 + JUST)
 
     @property
@@ -47,25 +47,25 @@ class Pace:
         return f"floor((floor(frame) - {self.at}) / {self.stride!r} + {0.5 + JUST!r})"
 
     def beginning(self) -> str:
-        """Driver: the frame where the first clip frame would be, if every clip frame lasted one frame."""
+        """Driver expression: where the first clip frame must be for the right one to be shown now, if each lasted one scene frame."""
         return f"floor(frame) - {self._shown}"
 
     def offset(self, clip_frames: int) -> str:
-        """Driver: of an image sequence that begins at `at`; its first and last frame stand still before and after."""
+        """Driver expression for the offset of an image sequence that begins at `at`; it holds its first and last image before and after."""
         return f"clamp({self._shown}, 0, {clip_frames - 1}) + 1 - max(floor(frame) - {self.at} + 1, 0)"
 
 
 def pace_of_scene(scene: bpy.types.Scene) -> Pace:
-    """That of a scene's recovered field: all that belongs to its take keeps it."""
+    """The pace of a scene's recovered field, which everything from its take shares."""
     settings = scene.seeing_wind
     return Pace(settings.frame_start, stride_of(settings.field_object) if settings.field_object is not None else 1.0)
 
 
 def set_pace(clip: bpy.types.MovieClip, clip_frame: int, pace: Pace) -> None:
-    """Let a clip go by at a pace, with one frame of its file as the first.
+    """Make a clip play at a pace, beginning with frame `clip_frame` of its file. A clip linked from another .blend file is unchanged.
 
     Raises:
-        UsageError: for a clip of another file, whose frames would not last a scene frame each.
+        UsageError: for a linked clip whose frames would not last one scene frame each.
     """
     if clip.library is not None:
         if pace.stride != 1.0:
@@ -74,7 +74,7 @@ def set_pace(clip: bpy.types.MovieClip, clip_frame: int, pace: Pace) -> None:
     if PACE in clip:
         clip.driver_remove("frame_start")
         del clip[PACE]
-    # the offset stays: the user's tracks and camera solve count from it
+    # the offset is kept, since the user's tracks and camera solve count from it
     before = clip.frame_offset - clip_frame
     clip.frame_start = pace.at + before
     if pace.stride != 1.0:
@@ -83,7 +83,7 @@ def set_pace(clip: bpy.types.MovieClip, clip_frame: int, pace: Pace) -> None:
 
 
 def pace_of(clip: bpy.types.MovieClip) -> tuple[int, Pace]:
-    """A frame of the clip's file, and the pace that counts from it."""
+    """The first frame used of the clip's file, and the pace, which counts from it."""
     if PACE in clip:
         at, clip_frame, stride = clip[PACE]
         return int(clip_frame), Pace(int(at), stride)
@@ -92,7 +92,7 @@ def pace_of(clip: bpy.types.MovieClip) -> tuple[int, Pace]:
 
 @contextmanager
 def frame_by_frame(clip: bpy.types.MovieClip) -> Iterator[None]:
-    """Show one clip frame per scene frame meanwhile, for who has to see every one of them."""
+    """Show one clip frame per scene frame within the context, for callers that must visit every clip frame."""
     clip_frame, pace = pace_of(clip)
     if pace.stride == 1.0:
         yield
@@ -105,10 +105,11 @@ def frame_by_frame(clip: bpy.types.MovieClip) -> Iterator[None]:
 
 
 def set_pace_of_images(user: bpy.types.bpy_struct, clip_frames: int, pace: Pace) -> None:
-    """The same for an image sequence whose first file is the first frame.
+    """Make an image sequence play at a pace, beginning with its first file.
 
     Args:
-        user: has `frame_start`, `frame_duration` and `frame_offset`: an image user, or an image node of the compositor.
+        user: an image user, or an image node of the compositor.
+        clip_frames: number of images.
     """
     user.driver_remove("frame_offset")
     user.frame_start, user.frame_duration, user.frame_offset = pace.at, clip_frames, 0

@@ -1,4 +1,4 @@
-"""What the scene knows already, as files that the engine reads: mask, tracks, depth of a proxy mesh, camera."""
+"""Data that the scene already has, as files that the engine reads: masks, held place, tracks, depth of a proxy mesh, camera."""
 
 from __future__ import annotations
 
@@ -20,24 +20,24 @@ from .tracks import tracks_stamp, write_tracks
 
 @dataclass(frozen=True)
 class SceneInput:
-    """One file that is made from the scene."""
+    """A file to be made from the scene."""
 
     option: str
-    """Name in `ObserveSettings`, which has the file's path."""
+    """Name of the option in `ObserveSettings` that takes the file's path."""
     name: str
-    """Of the file."""
+    """File name."""
     stamp: tuple
-    """Of what the file would hold; cheap enough to ask for at every change."""
+    """Stamp of the file's source data; cheap enough to compute at every change."""
     write: Callable[[Path], object] = field(compare=False)
-    """Makes the file. Raises SeeingWindError where mask, tracks or proxy hold nothing in the first frame."""
+    """Writes the file. Raises SeeingWindError when mask, tracks or proxy are empty in the first frame."""
 
 
 def scene_inputs(scene: bpy.types.Scene) -> tuple[SceneInput, ...]:
-    """The files that the settings of `scene` call for; nothing is written.
+    """The files that the settings of `scene` require; nothing is written.
 
     Raises:
-        ObjectError: an object or held mode whose datablock or box is missing.
-        UsageError: a camera or proxy that is missing.
+        ObjectError: when the datablock or box of the chosen object or held mode, or a track, is missing.
+        UsageError: when the camera or proxy is missing.
     """
     settings, found = scene.seeing_wind, _held(scene)
     if settings.object_mode in ("BLENDER_MASK", "PLANE", "PROXY"):
@@ -65,7 +65,7 @@ def scene_inputs(scene: bpy.types.Scene) -> tuple[SceneInput, ...]:
 
 
 def _object(scene: bpy.types.Scene) -> list[SceneInput]:
-    """The object's outline, where a datablock of the scene gives it; a proxy gives it by its depth."""
+    """The object's outline, if a datablock of the scene defines it. A proxy needs no file here: its depth map gives the outline."""
     settings = scene.seeing_wind
     if settings.object_mode == "BLENDER_MASK":
         if settings.mask_data is None:
@@ -82,7 +82,7 @@ def _object(scene: bpy.types.Scene) -> list[SceneInput]:
 
 
 def _held(scene: bpy.types.Scene) -> list[SceneInput]:
-    """The place at which the object is held, where a box or a datablock of the scene gives it."""
+    """The held place, if a box or a datablock of the scene defines it."""
     settings = scene.seeing_wind
     if settings.held_mode == "BOX":
         box = tuple(settings.held_box)

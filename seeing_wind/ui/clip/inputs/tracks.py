@@ -13,19 +13,20 @@ from .camera import SPARE
 from .clips import first_clip_frame, loaded_clip, marker_frame
 
 GRID = 6
-"""Points along each side of a plane track: 36 of them follow its four corners."""
+"""Number of points along each side of a plane track; all 36 move with its four corners."""
 
 SIGMA, SIGMA_PLANE = 0.3, 1.0
-"""Standard deviation [px]: Blender's tracker finds its pattern to a fraction of a pixel; a plane need not be quite flat."""
+"""Standard deviation [px] of tracks and plane tracks: Blender tracks patterns to subpixel accuracy; a tracked plane may not be flat."""
 
 
 def write_tracks(scene: bpy.types.Scene, path: Path) -> int:
-    """Write all tracks and a grid of points on each plane track: xy (rows, K, 2) [px], visible, sigma [px]. Returns K.
+    """Write all tracks and a grid of points on each plane track as an NPZ. Returns the number of tracks K.
 
-    One row per frame of the clip's file; pixel centres are at integers, the origin at the top left.
+    Arrays: xy (rows, K, 2) [px], visible (rows, K) bool, sigma (rows, K) [px], one row per frame of the clip's file. Pixel centres are at
+    integers, the origin is at the top left.
 
     Raises:
-        ObjectError: when no track has a marker in the first frame that is used.
+        ObjectError: when no track has a marker in the first frame used.
     """
     clip = loaded_clip(scene.seeing_wind)
     rows = clip.frame_duration + clip.frame_offset + SPARE
@@ -44,20 +45,20 @@ def write_tracks(scene: bpy.types.Scene, path: Path) -> int:
 
 
 def tracks_stamp(clip: bpy.types.MovieClip) -> tuple:
-    """Names, lengths and ends of all tracks: a track that was made longer or moved has another."""
+    """Stamp of all tracks: names, numbers of markers, and first and last positions, which change when a track is extended or moved."""
     ends = [(t.name, len(t.markers), tuple(t.markers[0].co), tuple(t.markers[-1].co)) for t in clip.tracking.tracks if len(t.markers)]
     planes = [(p.name, len(p.markers), str([tuple(corner) for corner in p.markers[0].corners])) for p in clip.tracking.plane_tracks]
     return (*ends, *planes)
 
 
 def plane_corners(clip: bpy.types.MovieClip, plane: bpy.types.MovieTrackingPlaneTrack, clip_frame: int) -> np.ndarray | None:
-    """Corners (4, 2) [px] of a plane track in a frame, None where it has no marker."""
+    """Corners (4, 2) [px] of a plane track in a frame of the clip's file; None if it has no active marker there."""
     marker = plane.markers.find_frame(marker_frame(clip, clip_frame))
     return None if marker is None or marker.mute else pixels(clip, np.array([tuple(corner) for corner in marker.corners]))
 
 
 def pixels(clip: bpy.types.MovieClip, points: np.ndarray) -> np.ndarray:
-    """Blender's 0..1 from the lower left (..., 2) -> pixels whose centres are at integers, from the top left."""
+    """Blender's coordinates (..., 2) in 0..1 from the lower left -> pixels from the top left, with centres at integers."""
     width, height = clip.size
     return np.stack([points[..., 0] * width - 0.5, (1.0 - points[..., 1]) * height - 0.5], axis=-1)
 
@@ -73,7 +74,7 @@ def _track(clip: bpy.types.MovieClip, track: bpy.types.MovieTrackingTrack, rows:
 
 
 def _plane(clip: bpy.types.MovieClip, plane: bpy.types.MovieTrackingPlaneTrack, rows: int) -> tuple[np.ndarray, np.ndarray, float]:
-    """A grid inside the corners, carried by the homography that takes the unit square to them."""
+    """A grid of points on a plane track, moved by the homography from the unit square to its corners: xy, visible and sigma [px]."""
     side = (np.arange(GRID) + 0.5) / GRID
     u, v = (part.ravel() for part in np.meshgrid(side, side))
     xy, visible = np.zeros((rows, GRID**2, 2)), np.zeros((rows, GRID**2), dtype=bool)
@@ -85,7 +86,7 @@ def _plane(clip: bpy.types.MovieClip, plane: bpy.types.MovieTrackingPlaneTrack, 
 
 
 def through_homography(corners: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Points (u, v) of the unit square (0, 0), (1, 0), (1, 1), (0, 1) where `corners` (4, 2) has its corners in that order: (K, 2).
+    """Image (K, 2) of points (u, v) under the homography that maps (0, 0), (1, 0), (1, 1), (0, 1) to `corners` (4, 2), in this order.
 
     P. Heckbert, Fundamentals of texture mapping and image warping, 1989, section 2.2.3.
     """

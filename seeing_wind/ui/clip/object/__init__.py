@@ -1,11 +1,11 @@
-"""Step 2, the object: what is followed in the clip, at what scale, made of what.
+"""Step 2, the object: which object is followed in the clip, its scale and its material.
 
-properties     its settings, and what a model saw
-operators      ask a model what is in the clip, use one of its answers (the box is drawn by `clip/draw_box.py`)
-correct        points that correct the outline in any frame
-held           where it is held: as the preview proposes, or as a mesh is painted
-preview        what the engine sees of it, before the solve
-material_menu  the menu of materials, of a body, too
+properties     its settings, and a model's answers
+operators      asks a model what is in the clip, and uses one of its answers (`clip/draw_box.py` draws the box)
+correct        points that correct the outline, in any frame
+held           marks the held place: as the preview proposes, or as a mesh is painted
+preview        shows the engine's observations of the object before the solve
+material_menu  the menu of materials, also used for bodies
 panel          the panel *Object*
 options        the settings as options of the worker, with the files that are made from the scene
 """

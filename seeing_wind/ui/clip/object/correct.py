@@ -1,4 +1,4 @@
-"""Correcting the outline in any frame, by points on the object and beside it; the engine carries them to the other frames."""
+"""Correct the outline in any frame by points on and off the object; the engine propagates them to the other frames."""
 
 from __future__ import annotations
 
@@ -35,12 +35,12 @@ class SEEING_WIND_OT_correct_outline(OnFrame, DirectOperator, bpy.types.Operator
 
     @classmethod
     def description(cls, context, properties):
-        """The two buttons say what they are for."""
+        """The tooltip, which differs between the panel's two buttons."""
         what = "off the object that the outline takes in" if properties.beside else "on the object that the outline leaves out"
         return f"Click a point {what}, in the frame that is shown now; Esc cancels"
 
     def act(self, context):
-        """One more correction."""
+        """Add a correction."""
         scene, settings = context.scene, context.scene.seeing_wind
         clip = loaded_clip(settings)
         first, pace = pace_of(clip)
@@ -57,14 +57,14 @@ class SEEING_WIND_OT_correct_outline(OnFrame, DirectOperator, bpy.types.Operator
         return f"The outline is corrected in frame {clip_frame} of the file; Preview shows it"
 
     def invoke(self, context, event):
-        """Wait for a click in the area's frame."""
+        """Wait for a click on the clip's frame, unless the place is given."""
         if self.properties.is_property_set("place"):
             return self.execute(context)
         where = "off" if self.beside else "on"
         return {"RUNNING_MODAL"} if self.begin(context, f"Click a point {where} the object", "EYEDROPPER") else {"CANCELLED"}
 
     def modal(self, context, event):
-        """The view can be moved and zoomed before the click."""
+        """Wait for the click; before that, the view can be moved and zoomed."""
         ended = self.given_up(context, event)
         if ended is not None:
             return ended
@@ -80,12 +80,12 @@ class SEEING_WIND_OT_correct_outline(OnFrame, DirectOperator, bpy.types.Operator
         return self.execute(context)
 
     def draw_over(self, context, corners) -> None:
-        """The points that the frame has already."""
+        """Draw the frame's existing corrections."""
         from ..frame_on_screen import box_on_screen  # needs NumPy
 
         draw_rectangle(*corners, (1.0, 1.0, 1.0, 0.35))
         clip = bpy.data.movieclips.get(self.clip)
-        if clip is None:  # a job that has ended meanwhile made it anew
+        if clip is None:  # a job that ended meanwhile recreated it
             return
         first, pace = pace_of(clip)
         shown = first + pace.shown(context.scene.frame_current)
@@ -103,7 +103,7 @@ class SEEING_WIND_OT_clear_corrections(DirectOperator, bpy.types.Operator):
     all: BoolProperty(name="All", options={"SKIP_SAVE"}, description="Not only the last one")
 
     def act(self, context):
-        """The outline is as it is found without them."""
+        """Remove the last correction, or all."""
         points = context.scene.seeing_wind.corrections
         if not len(points):
             raise ObjectError("The outline has no corrections.", "Click a point on the object or beside it first.")

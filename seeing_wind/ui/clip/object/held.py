@@ -1,4 +1,4 @@
-"""Marking where the object is held: by what the preview proposes, or by weight paint on a mesh."""
+"""Mark the held place: as the preview proposes, or by weight paint on a mesh."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class SEEING_WIND_OT_use_held(DirectOperator, bpy.types.Operator):
     bl_label = "Use as Held Place"
 
     def act(self, context):
-        """The proposed image becomes the setting."""
+        """Use the proposed image as the setting."""
         settings = context.scene.seeing_wind
         if not settings.proposed_pin or not os.path.isfile(settings.proposed_pin):
             raise UsageError("No held place is proposed.", "Run Preview first.")
@@ -37,7 +37,7 @@ class SEEING_WIND_OT_hold_painted(DirectOperator, bpy.types.Operator):
     vertex_group: StringProperty(name="Vertex Group", options={"SKIP_SAVE"}, description="Empty: the object's active group")
 
     def act(self, context):
-        """What is painted becomes an image beside the take; painting on changes nothing until this is called again."""
+        """Write the painted part as an image into the take. Later painting has no effect until this is called again."""
         scene = context.scene
         obj = scene.objects.get(self.object) if self.object else context.view_layer.objects.active
         if obj is None or obj.type != "MESH":

@@ -1,5 +1,5 @@
-"""The menu of materials, a submenu for each kind: Blender shows a long list beside the right edge of its window as one column, which is
-longer than a screen."""
+"""The menu of materials, with a submenu for each kind: near the right edge of its window, Blender would show the whole list as a single
+column, longer than the screen."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ import bpy
 from ...property_kinds import MATERIAL_ITEMS
 
 CHOSEN_FOR = "seeing_wind_chosen_for"
-"""Context member with the settings whose `material` is chosen."""
+"""Context member that holds the settings whose `material` the menu sets."""
 
 
 def _kinds() -> dict[str, list[str]]:
-    """The materials below each heading."""
+    """Names of the materials under each heading."""
     kinds: dict[str, list[str]] = {}
     for name, title, *_ in MATERIAL_ITEMS:
         if not name:
@@ -27,7 +27,7 @@ TITLES = {name: title for name, title, *_ in MATERIAL_ITEMS if name}
 
 
 def draw_material(column, settings) -> None:
-    """The material of `settings`, in a row as Blender draws a property's."""
+    """Draw the material of `settings` in a row that looks like a property's."""
     split = column.split(factor=0.4, align=True)
     label = split.row()
     label.alignment = "RIGHT"
@@ -43,7 +43,7 @@ class SEEING_WIND_MT_material(bpy.types.Menu):
     bl_label = "Material"
 
     def draw(self, context):
-        """One submenu for each kind."""
+        """Draw one submenu for each kind."""
         chosen = getattr(context, CHOSEN_FOR, None)
         for number, (title, names) in enumerate(KINDS.items()):
             column = self.layout.column()
@@ -54,7 +54,7 @@ class SEEING_WIND_MT_material(bpy.types.Menu):
 
 
 def _menu_of(number: int, title: str, names: list[str]) -> type:
-    """The submenu of one kind."""
+    """A menu class for the materials of one kind."""
 
     def draw(self, context):
         chosen = getattr(context, CHOSEN_FOR, None)

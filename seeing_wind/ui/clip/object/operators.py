@@ -1,4 +1,4 @@
-"""Asking a vision-language model what is in the clip's first frame and what it is made of. The answers are shown; the user chooses."""
+"""Ask a vision-language model what is in the clip's first frame and what it is made of. The answers are shown; the user chooses."""
 
 import ipaddress
 from urllib.parse import urlsplit
@@ -20,7 +20,7 @@ from .properties import NUMBERS
 
 
 class NoModel(UsageError):
-    """Nobody to ask."""
+    """No model is configured."""
 
     mend = "open_preferences"
 
@@ -37,9 +37,9 @@ class SEEING_WIND_OT_identify(JobOperator, bpy.types.Operator):
     model: StringProperty(name="Model", options={"SKIP_SAVE"}, description="The server's name of the model; empty: the preferences'")
 
     def start(self, scene):
-        """The key goes to the worker by its environment, and nowhere else."""
+        """Start the worker. The key is passed to it in its environment only."""
         address, model, key = asked_model()
-        # the preferences' key belongs to the preferences' server
+        # the key in the preferences must go only to the server in the preferences
         key = "" if self.endpoint and self.endpoint != address else key
         address, model = self.endpoint or address, self.model or model
         if not address or not model:
@@ -57,7 +57,7 @@ class SEEING_WIND_OT_identify(JobOperator, bpy.types.Operator):
         return worker.run(call, cwd=str(ROOT), env=environment(key))
 
     def finish(self, scene, result):
-        """A list to choose from."""
+        """List the answers, for the user to choose from."""
         settings = scene.seeing_wind
         settings.guesses.clear()
         settings.active_guess = 0
@@ -80,7 +80,7 @@ class SEEING_WIND_OT_use_guess(DirectOperator, bpy.types.Operator):
     thing: StringProperty(name="Thing", options={"SKIP_SAVE"}, description="Of one of the things that were found; empty: the active one")
 
     def act(self, context):
-        """Mask, law and numbers become the scene's settings."""
+        """Copy mask, law and numbers of the answer to the scene's settings."""
         settings = context.scene.seeing_wind
         guess = settings.guesses.get(self.thing) if self.thing else None
         if guess is None and not self.thing and settings.active_guess < len(settings.guesses):
@@ -98,7 +98,7 @@ class SEEING_WIND_OT_use_guess(DirectOperator, bpy.types.Operator):
 
 
 def is_here(address: str) -> bool:
-    """Whether an address is on this machine, so that asking it is no use of the network."""
+    """Whether an address is on this machine, so that a request does not use the network."""
     try:
         host = urlsplit(address).hostname or ""
         return host == "localhost" or ipaddress.ip_address(host).is_loopback

@@ -1,4 +1,4 @@
-"""The object's part of what the engine is asked: where it is, at what scale, through which camera."""
+"""The object's part of the request to the engine: its outline, its scale, and the camera."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ if TYPE_CHECKING:
 def object_options(
     settings: bpy.types.PropertyGroup, values: dict[str, Any], folder: Path
 ) -> tuple[dict[str, Any], tuple[SceneInput, ...]]:
-    """Which object, at what scale, through which camera.
+    """The options that define the object, its scale and the camera.
 
     Args:
         settings: of the scene.
-        values: of its options, by `values_of`.
-        folder: where the files that are made from the scene will be.
+        values: of the scene's options, by `values_of`.
+        folder: for the files made from the scene.
 
     Returns:
-        Values of `ObserveSettings`, and the files among them that are still to be made from the scene.
+        Values of `ObserveSettings`, and those of its files that are still to be made from the scene.
 
     Raises:
-        ObjectError: when nothing says where the object is.
-        UsageError: when a file is named that is not there, or the object is at no distance.
+        ObjectError: when the object is not marked.
+        UsageError: when a file does not exist, no camera file is chosen, or the distance is not allowed.
     """
-    named = _marked(settings.object_mode, values)  # first: while nothing is marked, nothing that needs NumPy is read
+    named = _marked(settings.object_mode, values)  # first, so that NumPy is not imported while nothing is marked
     from ..inputs.scene_inputs import scene_inputs
 
     inputs = scene_inputs(settings.id_data)
@@ -41,7 +41,7 @@ def object_options(
         named.append("pixels_per_metre")
     elif settings.scale_mode == "DISTANCE" or (settings.scale_mode == "AUTO" and "camera" not in made):
         options_of(ObserveSettings)["distance"].check(values["distance"], "Distance")
-        named.append("distance")  # without either the engine takes the distance of the world's origin from the camera
+        named.append("distance")  # without either, the engine takes the distance from the camera to the world's origin
     if "camera" not in made:
         named.append("camera" if settings.camera_mode == "JSON" else "fov")
         if values[named[-1]] is None:
@@ -49,7 +49,7 @@ def object_options(
     if settings.held_mode != "FILE":
         values = values | {"pin": None}
     if settings.outline_data is not None:
-        values = values | {"outline": None}  # its file is made
+        values = values | {"outline": None}  # its file is made from the scene
     elif values["outline"] is None:
         values = values | {"outline_frame": 0}
     points = [number for one in settings.corrections for number in (float(one.clip_frame), *map(single, one.place), float(not one.beside))]
@@ -59,7 +59,7 @@ def object_options(
 
 
 def _marked(mode: str, values: dict[str, Any]) -> list[str]:
-    """The option by which the user says where the object is, if any; what the scene knows itself is among its inputs."""
+    """The option, if any, by which the user marks the object; marks that are datablocks of the scene are in `scene_inputs`."""
     if mode == "MASK":
         if values["mask"] is None:
             raise ObjectError("No mask is chosen.", "Choose a PNG of the first frame, non-zero where the object is, or draw a box.")

@@ -1,4 +1,4 @@
-"""The panel *Object*: where the object is, and what it is taken to be made of."""
+"""The panel *Object*: where the object is, and its assumed material."""
 
 import bpy
 
@@ -20,7 +20,7 @@ class ObjectTab(Tab):
     step = "object"
 
     def fill(self, context, layout):
-        """Box or mask, distance or scale, material."""
+        """Draw mark, scale, material, corrections, held place, preview, a model's answers, and further options."""
         column, settings = columns(layout), context.scene.seeing_wind
         _draw_object(column, settings)
         column.separator()
@@ -35,7 +35,7 @@ class ObjectTab(Tab):
         _draw_corrections(column, settings)
         _draw_held(column, context, settings)
         step = status.of(context.scene.session_uid).steps["object"]
-        if step.state == State.FAILED:  # above a preview's many lines, which would push it out of sight
+        if step.state == State.FAILED:  # above the preview, whose many lines would push it out of sight
             draw_failure(layout, context, step)
         _draw_preview(layout, context, settings)
         _draw_guesses(layout, context, settings, self.bl_space_type)
@@ -43,7 +43,7 @@ class ObjectTab(Tab):
 
 
 def _draw_object(column, settings) -> None:
-    """The way to mark the object, and the control that does it."""
+    """Draw the choice of how to mark the object, and its control."""
     column.prop(settings, "object_mode")
     if settings.object_mode == "BOX":
         row = column.row()
@@ -58,7 +58,7 @@ def _draw_object(column, settings) -> None:
 
 
 def _draw_material(column, settings) -> None:
-    """The material's numbers, and what is said in their place."""
+    """Draw overrides of the material's numbers, each with the value used without it."""
     material = MATERIALS[settings.material]
     numbers = {"density": f"{material.density:g}", "youngs_modulus": in_units(material.youngs_modulus, "Pa"), "thickness": "Automatic"}
     own = sum(getattr(settings, f"use_{name}") for name in numbers)
@@ -68,7 +68,7 @@ def _draw_material(column, settings) -> None:
 
 
 def _draw_held(column, context, settings) -> None:
-    """The way to mark the held place, and the control that does it; that of paint, once something is painted."""
+    """Draw the choice of how to mark the held place, and its control; weight paint only if the active mesh has vertex groups."""
     column.prop(settings, "held_mode")
     if settings.held_mode == "FILE":
         column.prop(settings, "pin", text="Image")
@@ -83,7 +83,7 @@ def _draw_held(column, context, settings) -> None:
 
 
 def _draw_corrections(column, settings) -> None:
-    """What mends the outline in later frames: points, a Blender mask, or a painted image."""
+    """Draw the corrections of the outline: points, a Blender mask, or a painted image."""
     count = len(settings.corrections)
     mended = settings.outline_data is not None or bool(settings.outline)
     body = fold(column, "corrections", f"Correct the Outline ({count + mended} set)" if count + mended else "Correct the Outline")
@@ -105,7 +105,7 @@ def _draw_corrections(column, settings) -> None:
 
 
 def _draw_corners(column, settings, name: str) -> None:
-    """The four numbers of a box."""
+    """Draw the four numbers of a box."""
     left, top, right, bottom = getattr(settings, name)
     drawn = right > left and bottom > top
     body = fold(column, name, f"{right - left:.0f} x {bottom - top:.0f} px at {left:.0f}, {top:.0f}" if drawn else "Box in Numbers")
@@ -115,7 +115,7 @@ def _draw_corners(column, settings, name: str) -> None:
 
 
 def _draw_preview(layout, context, settings) -> None:
-    """What is seen, before the solve: an image, and what can be trusted."""
+    """Draw the preview: its button, its image, and the verdicts on what can be trusted."""
     now = status.of(context.scene.session_uid)
     steps, foreseen = now.steps, now.foreseen
     ready = steps["clip"].state == State.DONE and steps["object"].state == State.DONE
@@ -136,7 +136,7 @@ def _draw_preview(layout, context, settings) -> None:
     for verdict in settings.verdicts:
         words, doubtful = f"{verdict.because} {verdict.advice}".strip(), verdict.doubtful
         proposed = settings.proposed_pin if verdict.name == HELD_PLACE else ""
-        if proposed and marked:  # since then
+        if proposed and marked:  # marked since the preview
             words, doubtful = "It is marked.", False
         icon = "ERROR" if doubtful else "CHECKMARK"
         if verdict.name in (BODY, TIME) and not foreseen:
@@ -150,7 +150,7 @@ class SEEING_WIND_UL_guesses(bpy.types.UIList):
     """What a model saw in the clip."""
 
     def draw_item(self, context, layout, data, item, icon, active_data, active_property, index):
-        """What it is, what it is made of, how heavy."""
+        """Draw a guess: name, material and density."""
         row = layout.row()
         row.label(text=f"{item.name}: {item.made_of}", icon="OBJECT_DATA")
         sub = row.row()
@@ -159,7 +159,7 @@ class SEEING_WIND_UL_guesses(bpy.types.UIList):
 
 
 def _draw_guesses(layout, context, settings, space: str) -> None:
-    """Ask a model what is in the clip, and choose from its answers."""
+    """Draw the button that asks a model what is in the clip, and the list of its answers."""
     body = fold(layout, "guesses", "Ask a Model", closed=not len(settings.guesses))
     if body is None:
         return
@@ -181,7 +181,7 @@ def _draw_guesses(layout, context, settings, space: str) -> None:
 
 
 def _draw_more(layout, settings) -> None:
-    """What few need: every option that has no place of its own."""
+    """Draw all options without a place of their own, which few users need."""
     body = fold(layout, "more", "More")
     if body is None:
         return

@@ -1,4 +1,4 @@
-"""Looking first: what the engine sees of the object in the clip, drawn and judged, before anything is solved."""
+"""Preview the engine's observations of the object in the clip, with verdicts on them, before the solve."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ if TYPE_CHECKING:
     Marked = tuple[dict[str, Any], tuple[SceneInput, ...]]
 
 IMAGE, FILM, HELD = "preview.png", "preview.mp4", "held.png"
-"""What the engine leaves in the take."""
+"""Files of the preview that the engine writes into the take."""
 ICON = 640
-"""Pixels that an icon of the preview is wide, at most."""
+"""Largest width of the preview's icon in pixels."""
 
 
 class SEEING_WIND_OT_preview(JobOperator, bpy.types.Operator):
@@ -43,7 +43,7 @@ class SEEING_WIND_OT_preview(JobOperator, bpy.types.Operator):
     step = "preview"
 
     def start(self, scene):
-        """The clip and the object, as Recover is asked for them."""
+        """Start observing the clip with the same options as Recover."""
         settings = scene.seeing_wind
         self.folder, python = takes.take_folder(settings), engine_python()
         values = values_of(settings, ObserveSettings, BuildSettings, RecoverSettings)
@@ -60,7 +60,7 @@ class SEEING_WIND_OT_preview(JobOperator, bpy.types.Operator):
         )
 
     def finish(self, scene, result):
-        """The verdicts, the worst first, and the preview."""
+        """Store the verdicts, worst first, and load the preview image."""
         settings = scene.seeing_wind
         settings.verdicts.clear()
         for each in result.get("verdicts", []):
@@ -75,13 +75,13 @@ class SEEING_WIND_OT_preview(JobOperator, bpy.types.Operator):
 
 
 def preview_digest(clip: Clip, marked: Marked) -> str:
-    """Changes whenever something else would be seen: of what `clip_options` and `object_options` say.
+    """Digest of everything that the observations depend on, from the results of `clip_options` and `object_options`.
 
-    A held place is none of it: it is marked in what was seen.
+    The held place is left out, since it is marked after the clip is observed.
     """
     asked = dataclasses.replace(_asked(clip, marked), pin=None)
     named = {one.name: getattr(asked, one.name) for one in options_of(ObserveSettings).values() if one.file}
-    # files that are made from the scene count by what they are made of
+    # files made from the scene count by their source data
     made = {each.option: each.stamp for each in marked[1] if each.option != "pin"}
     given = [path for name, path in named.items() if path is not None and name not in made]
     files = (*files_of(clip[0]), *given, *(path for view in clip[2] for path in view))
@@ -94,14 +94,14 @@ def preview_digest(clip: Clip, marked: Marked) -> str:
 
 
 def foreseen_digest(values: dict[str, Any], clip: Clip, marked: Marked) -> str:
-    """Changes whenever another solve would be foreseen: of `values_of` the scene, and of what `clip_options` and `object_options` say."""
+    """Digest of everything that the forecast of the solve depends on, from `values_of`, `clip_options` and `object_options`."""
     pins, pin = [each.stamp for each in marked[1] if each.option == "pin"], marked[0].get("pin")
     held = pins or (content_of(pin) if pin is not None else None)
     return digest_of(preview_digest(clip, marked), _solved(values), held)
 
 
 def _solved(values: dict[str, Any]) -> tuple[BuildSettings, RecoverSettings]:
-    """What the time of a solve hangs on beside what is seen."""
+    """The settings, besides the observations, on which the solve's duration depends."""
     return BuildSettings(**part_of(values, BuildSettings)), RecoverSettings(iterations=values["iterations"])
 
 
@@ -110,8 +110,8 @@ def _asked(clip: Clip, marked: Marked) -> ObserveSettings:
 
 
 def _loaded(path: Path, clip: bpy.types.MovieClip | None) -> bpy.types.Image:
-    """The preview as an image of this file, read anew where an earlier preview is there already. The icon of it leaves out the words below
-    the clip's frame, which the panel says, too."""
+    """Load or reload the preview as an image of this .blend file. Its icon is cropped to the clip's frame, without the text below it,
+    which the panel shows anyway."""
     import numpy as np
 
     image = bpy.data.images.load(str(path), check_existing=True)
@@ -121,7 +121,7 @@ def _loaded(path: Path, clip: bpy.types.MovieClip | None) -> bpy.types.Image:
         return image
     pixels = np.empty(4 * width * height, dtype=np.float32)
     image.pixels.foreach_get(pixels)
-    # rows are counted from below
+    # rows start at the bottom
     frame = pixels.reshape(height, width, 4)[max(height - round(width * clip.size[1] / clip.size[0]), 0) :]
     step = -(-width // ICON)
     small = np.ascontiguousarray(frame[::step, ::step])

@@ -1,4 +1,4 @@
-"""The settings of the step *Object*, and what a model saw in the clip.
+"""The settings of the step *Object*, and a model's answers about the clip.
 
 No postponed annotations here: Blender reads these annotations as property definitions.
 """
@@ -13,15 +13,15 @@ from ...property_kinds import KEPT, MATERIAL_ITEMS, PATH, changed, choice, is_me
 from ..properties import OF_THE_CLIP
 
 NUMBERS = [one.name for one in options_of(BuildSettings).values() if one.group == MADE and one.kind is float]
-"""Of a material."""
+"""Names of the numbers that describe a material."""
 
 
 @with_options(BuildSettings)
 @with_options(ObserveSettings, but=OF_THE_CLIP)
-# what is typed stays to be seen, and is refused in words: Blender would make a centimetre of 0 without any
+# a wide range, so that an invalid value stays visible and gets an error text; Blender would silently turn 0 into 0.01
 @with_options(ObserveSettings, only=("distance",), min=-1.0e6, soft_min=0.01)
 class ObjectOptions:
-    """Which object, at what scale, made of what: settings of a scene, and keyword arguments of Recover."""
+    """Which object, its scale and its material: settings of a scene, and keyword arguments of Recover."""
 
     object_mode: choice("Object", "How the object is marked in the first frame", [
         ("BOX", "Box", "A box round the object, in pixels"),
@@ -76,7 +76,7 @@ class SEEING_WIND_PG_correction(bpy.types.PropertyGroup):
 
 
 class ObjectSettings:
-    """What only the scene has: datablocks, which Recover takes by their names, a preview's verdicts, and a model's answers."""
+    """Settings that only a scene has: datablocks, which Recover takes by name, a preview's verdicts, and a model's answers."""
 
     mask_data: PointerProperty(
         name="Mask Data", type=bpy.types.Mask, description="Closed splines round the object in the first frame", update=changed
