@@ -23,7 +23,7 @@ from .own import drop_unused, is_called, own_object
 
 FOLDER, IMAGE, CARD = "mattes", "Seeing Wind Mattes", "Seeing Wind Holdout"
 HELD_OUT, COVERED = "Red", "Green"
-"""Channels of a matte: the outline with an edge softened by one pixel; and a wider one that includes the shadow at its rim and motion blur."""
+"""Channels of a matte: the outline, its edge one pixel soft; and a wider one that includes its shadow rim and motion blur."""
 WIDER = 0.012
 """Fraction of the frame's longer side by which `COVERED` extends beyond the outline."""
 
