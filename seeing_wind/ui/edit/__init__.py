@@ -1,13 +1,13 @@
-"""Step 4, the edit: meshes that are put into the field, what is held, how heavy they are, what is in their way.
+"""Step 4, the edit: the meshes inserted into the field, where they are held, how heavy they are and what they collide with.
 
-properties  its settings: bodies, colliders, further edits
-operators   insert, remove, pin, scale, let go; colliders; duplicate and remove an edit
+properties  the settings of an edit: bodies, colliders, further edits
+operators   insert, remove, pin, scale and release bodies; add and remove colliders; duplicate and remove an edit
 panel       the panel *Edit*
-importing   meshes from files
-from_file   the Edit list from an edit.toml that was simulated elsewhere
-edits       several edits of one field: one is worked on, the others are kept
-sheet_label what the panel says of a body that will be a shell
-cloth_look  the material of cloth that has none
+importing   import of meshes from files
+from_file   fills the Edit list from an edit.toml that was simulated elsewhere
+edits       several edits of one field: one is active, the others are stored
+sheet_label what the panel displays for a body that will be a shell
+cloth_look  a render material for cloth without one
 
 `resimulate` is step 5.
 """

@@ -1,4 +1,4 @@
-"""What inserted cloth looks like that has no material of its own: matt, a little fuzzy, and bright where the light is behind it."""
+"""The look of inserted cloth that has no material of its own: matt, slightly fuzzy, and bright when lit from behind."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ import bpy
 from ...engine.materials import SHEETS
 
 SUNK = 0.2
-"""Weight [kg/m²] of white cloth that lets an e-th of `THIN` through; with this, shirting of 120 g/m² lets a third of the light through,
-denim of 400 a twelfth. Chosen."""
+"""Areal density [kg/m²] at which the transmitted share of the light falls to `THIN` / e. With this value, shirting of 120 g/m² transmits a
+third of the light and denim of 400 g/m² a twelfth. Chosen."""
 THIN = 0.6
-"""Of the light that the thinnest cloth does not take, what goes through it."""
+"""Share of the unabsorbed light that the thinnest cloth transmits."""
 WHITE = (0.80, 0.79, 0.76, 1.0)
-"""Washed cotton, linear."""
+"""Colour of washed cotton (linear RGBA)."""
 CREASES, DEEP = 7.0, 0.35
-"""Creases along the cloth, and how strongly they are seen."""
+"""Number of creases along the cloth, and the strength of their bump."""
 
 
 def dress(obj: bpy.types.Object, preset: str) -> bool:
-    """Give a mesh without any material that of a cloth of the library, and smooth shading. Returns whether it got one."""
+    """Give a mesh without any material the material of a library cloth, and smooth shading. Returns whether it did so."""
     sheet = SHEETS.get(preset)
     if sheet is None or not sheet.woven or obj.data.library is not None or any(obj.material_slots):
         return False
@@ -30,7 +30,7 @@ def dress(obj: bpy.types.Object, preset: str) -> bool:
 
 
 def cloth_material(preset: str) -> bpy.types.Material:
-    """The material of a cloth of the library, made once per file."""
+    """The material of a library cloth, created once per file."""
     name = f"Seeing Wind {preset.replace('_', ' ').title()}"
     material = bpy.data.materials.get(name)
     if material is None:
@@ -42,7 +42,7 @@ def cloth_material(preset: str) -> bpy.types.Material:
 
 
 def _build(tree: bpy.types.NodeTree, through: float) -> None:
-    """A surface that scatters a share of the light forwards instead of back."""
+    """Build the nodes of a surface that scatters the share `through` of the light forwards instead of back."""
     tree.nodes.clear()
     place, creases, bump, front, behind, both, output = (
         tree.nodes.new(f"ShaderNode{kind}")
@@ -54,7 +54,7 @@ def _build(tree: bpy.types.NodeTree, through: float) -> None:
         front.inputs[name].default_value = value
     behind.inputs["Color"].default_value, both.inputs[0].default_value = WHITE, through
     for source, target in (
-        # where it was at rest: creases move along
+        # rest coordinates, so that the creases move with the cloth
         (place.outputs["Generated"], creases.inputs["Vector"]), (creases.outputs[0], bump.inputs["Height"]),
         (bump.outputs[0], front.inputs["Normal"]), (bump.outputs[0], behind.inputs["Normal"]), (front.outputs[0], both.inputs[1]),
         (behind.outputs[0], both.inputs[2]), (both.outputs[0], output.inputs["Surface"]),

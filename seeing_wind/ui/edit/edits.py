@@ -1,4 +1,4 @@
-"""Several edits of one field in one scene: one is worked on, the others are kept, and a copy stands beside its original."""
+"""Several edits of one field in one scene: one is active, the others are stored, and a copy stands beside its original."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from ..job import status
 from ..scene_units import metres_per_unit
 
 MADE = "seeing_wind_made_for_edit"
-"""Custom property of what `duplicate` makes, an object or its collection: its name. What is called otherwise by now is the user's."""
+"""Custom property of each object and collection that `duplicate` makes: the name it was given. If renamed since, it counts as the user's."""
 
 GAP = 1.2
-"""A copied edit stands that many widths of the field beside its original."""
+"""Distance between a copied edit and its original, in widths of the field."""
 
 
 def switch(settings: bpy.types.PropertyGroup) -> None:
-    """Work on the edit `active_edit`: keep the present one in its place of the list, take the other's settings over."""
+    """Make the edit `active_edit` the active one: store the present edit in its list entry, then load the settings of the other."""
     count = len(settings.edits)
     if count == 0 or settings.active_edit == settings.loaded_edit:
         return
     wanted = min(settings.active_edit, count - 1)
     if settings.loaded_edit < count:
         _keep(settings, settings.edits[settings.loaded_edit])
-    # set first: taking over the settings calls their updates, which look at the scene
+    # set first: loading the settings calls their update functions, which read the scene
     settings.loaded_edit = wanted
     _take_over(settings.edits[wanted], settings)
     if settings.active_edit != wanted:
@@ -37,9 +37,9 @@ def switch(settings: bpy.types.PropertyGroup) -> None:
 
 
 def duplicate(scene: bpy.types.Scene) -> str:
-    """Copy the present edit with its objects, beside it, and work on the copy. Returns its name.
+    """Copy the present edit and its objects, place the copy beside it and make the copy active. Returns the name of the copy.
 
-    The copies have their own meshes and materials' slots; nothing is baked on them yet. What the original shows stays as it is.
+    The copies have their own meshes and material slots, and no bake yet. The original is left as it is.
 
     Raises:
         UsageError: when there is nothing to copy.
@@ -74,13 +74,13 @@ def duplicate(scene: bpy.types.Scene) -> str:
 
 
 def remove(settings: bpy.types.PropertyGroup) -> str:
-    """Forget the present edit and work on its neighbour. Returns its name.
+    """Remove the present edit and make its neighbour active. Returns the name of the removed edit.
 
-    The copies that `duplicate` made for it go, and what stands in for one or for the recovered object, unless something else uses them. The
-    user's own objects stay with their keyframes, which *Clear Bake* takes off where no body of an edit has any.
+    The copies that `duplicate` made for the edit are removed, as are the baked stand-ins for these copies or for the recovered object, unless
+    something else uses them. The user's own objects stay with their keyframes; *Clear Bake* removes these where no body of an edit has any.
 
     Raises:
-        UsageError: when it is the only one.
+        UsageError: when it is the only edit.
     """
     if len(settings.edits) < 2:
         raise UsageError("There is only one edit.", "Take its bodies off the list instead.")
@@ -96,7 +96,7 @@ def remove(settings: bpy.types.PropertyGroup) -> str:
 
 
 def _let_go(settings: bpy.types.PropertyGroup) -> None:
-    """Remove what was made for the bodies of the present edit."""
+    """Remove the objects that were made for the bodies of the present edit."""
     scene, index = settings.id_data, settings.loaded_edit
     others = [each for n, edit in enumerate(settings.edits) if n != index for each in (*edit.bodies, *edit.colliders)]
     kept = {each.object for each in others} | {each.baked_copy for each in others if hasattr(each, "baked_copy")}
@@ -117,33 +117,33 @@ def _let_go(settings: bpy.types.PropertyGroup) -> None:
 
 
 def _is_copy(obj: bpy.types.Object) -> bool:
-    """Whether `duplicate` made an object, and it is still called and kept as it was then."""
+    """Whether `duplicate` made an object, and both it and its collections still have the names they were given."""
     return obj.get(MADE) == obj.name and all(each.get(MADE) == each.name for each in obj.users_collection)
 
 
 def _used_elsewhere(obj: bpy.types.Object, scene: bpy.types.Scene, among: list[bpy.types.Object]) -> bool:
-    """Whether another object, or whatever else but the scene, its collections and what is `among` the same body, uses an object."""
+    """Whether anything uses an object, apart from the scene, collections, and the objects `among` which it is (those of the same body)."""
     users = bpy.data.user_map(subset={obj})[obj] - {scene, *among}
     return any(not isinstance(user, bpy.types.Collection) for user in users)
 
 
 def _keep(settings: bpy.types.PropertyGroup, edit: bpy.types.PropertyGroup) -> None:
-    """Put the edit that is worked on into its place of the list."""
+    """Store the active edit in its list entry."""
     _copy(settings, edit, _fields(edit))
 
 
 def _take_over(edit: bpy.types.PropertyGroup, settings: bpy.types.PropertyGroup) -> None:
-    """Work on a kept edit."""
+    """Load a stored edit into the scene's settings."""
     _copy(edit, settings, _fields(edit))
 
 
 def _fields(edit: bpy.types.PropertyGroup) -> list[str]:
-    """What a kept edit has of its own: all that it shares with the scene's settings, but not its name in the list."""
+    """Names of the properties that a stored edit shares with the scene's settings: all but its name in the list."""
     return [prop.identifier for prop in edit.bl_rna.properties if prop.identifier not in ("rna_type", "name")]
 
 
 def _copy(source: bpy.types.PropertyGroup, target: bpy.types.PropertyGroup, fields: list[str]) -> None:
-    """The fields of an edit, bodies and colliders with theirs."""
+    """Copy the properties `fields` of an edit, including those of its bodies and colliders."""
     for name in fields:
         if source.bl_rna.properties[name].type == "COLLECTION":
             _copy_items(getattr(source, name), getattr(target, name))
@@ -172,7 +172,7 @@ def _beside(obj: bpy.types.Object, step: Vector, collection: bpy.types.Collectio
     if copy.animation_data is None and not copy.constraints:
         copy.matrix_world = Matrix.Translation(step) @ copy.matrix_world
     else:
-        # under keyframes and constraints the place itself cannot be moved
+        # keyframes and constraints would override a change of the location itself
         copy.delta_location = Vector(copy.delta_location) + step
     return copy
 
@@ -185,7 +185,7 @@ def _free_name(settings: bpy.types.PropertyGroup) -> str:
 
 
 def _width(settings: bpy.types.PropertyGroup) -> float:
-    """Of the field along X [m]; one metre where there is none."""
+    """Width of the field along X [m]; one metre if there is no field."""
     obj = settings.field_object
     if obj is None or obj.type != "MESH" or not len(obj.data.vertices):
         return 1.0

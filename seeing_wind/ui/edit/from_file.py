@@ -1,4 +1,4 @@
-"""The Edit list from an edit.toml that was simulated elsewhere, so that one can go on with it in the panel."""
+"""Fill the Edit list from an edit.toml that was simulated elsewhere, so that the user can continue with it in the panel."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ from ..scene_units import metres_per_unit
 from .resimulate.edit_export import recovered_gravity
 
 PINNED = "Pinned"
-"""Name of the vertex group that is made of an edit's pins."""
+"""Name of the vertex group that is made from an edit's pins."""
 
 
 def fill_edit(scene: bpy.types.Scene, take: Take, objects: dict[str, bpy.types.Object]) -> list[str] | None:
-    """Fill the Edit list of a scene that has none.
+    """Fill the Edit list of a scene if it is empty.
 
     Args:
-        take: of the re-simulation; it names its edit.toml. Where that is gone, the list stays empty.
-        objects: the simulated bodies in the scene, by their names in the edit.
+        take: the take of the re-simulation, which names its edit.toml. If that file is gone, the list is left as it is.
+        objects: the scene's objects for the simulated bodies, by the bodies' names in the edit.
 
     Returns:
-        What of it the list cannot say, in words: empty where it says now what was simulated. None where it was left as it is.
+        Messages on what the list cannot express; empty if it now describes all that was simulated. None if the list was left as it is.
 
     Raises:
-        TakeError: when the edit does not say what the panel can hold.
+        TakeError: when the panel cannot hold the values of the edit.
     """
     settings = scene.seeing_wind
     named = take.description().get("stages", {}).get("resimulate", {}).get("settings", {}).get("edit", "")
@@ -65,7 +65,7 @@ def fill_edit(scene: bpy.types.Scene, take: Take, objects: dict[str, bpy.types.O
 
 
 def _add(settings: bpy.types.PropertyGroup, entry: dict[str, Any], obj: bpy.types.Object | None, folder: Path) -> None:
-    """A line of the list; what was pinned is a vertex group of the object."""
+    """Add an entry to the list of bodies; pinned vertices become a vertex group of the object."""
     body = settings.bodies.add()
     body.name = body.result = entry["name"]
     if entry["mesh"] == "recovered":
@@ -80,7 +80,7 @@ def _add(settings: bpy.types.PropertyGroup, entry: dict[str, Any], obj: bpy.type
 
 
 def _pin(obj: bpy.types.Object, folder: Path, entry: dict[str, Any]) -> str:
-    """A vertex group of what an edit pins, with its weights; returns its name."""
+    """Make a vertex group of the vertices that an edit pins, with their weights. Returns its name."""
     pinned = read_array(folder / entry["pin"])
     weights = read_array(folder / entry["pin_weights"]) if "pin_weights" in entry else np.ones(len(pinned))
     group = obj.vertex_groups.new(name=PINNED)
@@ -90,7 +90,7 @@ def _pin(obj: bpy.types.Object, folder: Path, entry: dict[str, Any]) -> str:
 
 
 def _add_collider(scene: bpy.types.Scene, entry: dict[str, Any], folder: Path) -> bool:
-    """A level plane is the floor, a mesh an object of its own, where it is at first. Returns whether the panel has it now."""
+    """Turn a level plane into the floor, and a mesh into an object at its initial place. Returns whether the panel could represent it."""
     settings, plane = scene.seeing_wind, entry.get("plane")
     if plane is not None:
         if tuple(plane[3:]) != (0.0, 0.0, 1.0) or settings.use_floor or entry.get("kind", "separate") != "separate":
@@ -113,7 +113,7 @@ def _add_collider(scene: bpy.types.Scene, entry: dict[str, Any], folder: Path) -
 
 
 def _left_out(edit: dict[str, Any], colliders: list[dict[str, Any]]) -> list[str]:
-    """What of an edit is not in the panel now, in words: simulated again, it would be missing."""
+    """A message on the parts of an edit that the panel does not hold, so that another simulation would lack them; empty if there are none."""
     parts = [f"the collider {each['name']}" for each in colliders]
     parts += [f"how the collider {each['name']} moves" for each in edit.get("collider", []) if "mesh_path" in each]
     parts += [f"how the pins of {each['name']} move" for each in edit.get("body", []) if "pin_path" in each]

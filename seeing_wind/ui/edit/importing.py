@@ -1,4 +1,4 @@
-"""Meshes from files."""
+"""Import of meshes from files."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ IMPORTERS = {".obj": "obj_import", ".ply": "ply_import", ".stl": "stl_import"}
 
 
 def import_meshes(path: str) -> list[bpy.types.Object]:
-    """The mesh objects of an OBJ, PLY or STL file, which are in the scene now. Raises UsageError for what cannot be imported."""
+    """Import an OBJ, PLY or STL file into the scene and return its mesh objects. Raises UsageError for a file that cannot be imported."""
     importer = IMPORTERS.get(Path(path).suffix.lower())
     if importer is None:
         raise UsageError(f"{path} is no OBJ, PLY or STL file.", "Import it by File > Import and insert the selected object.")

@@ -1,4 +1,4 @@
-"""The edit: which meshes move in the recovered field, what is held, how heavy they are, what is in their way; and further edits."""
+"""Operators of the edit: which meshes move in the recovered field, where they are held, how heavy they are, what they collide with."""
 
 import sys
 
@@ -19,9 +19,9 @@ from .importing import import_meshes
 from .sheet_label import is_shell
 
 HERE = {"options": {"SKIP_SAVE"}, "update": None}
-"""Of the properties of operators that are not the scene's."""
+"""Arguments for operator properties that are not stored in the scene."""
 FACTOR = HERE | {"default": 2.0, "min": -sys.float_info.max, "soft_min": 0.001}
-"""Blender would put the least factor in place of a wrong one, and say nothing; the operators refuse it."""
+"""The range is open because Blender would silently clamp a factor that is too small; the operators refuse it instead."""
 BODY = options_of(BodyEdit)
 
 SAME = [("SAME", "As Recovered", "The material of the object in the clip", len(MATERIAL_ITEMS)), *MATERIAL_ITEMS]
@@ -70,8 +70,8 @@ class SEEING_WIND_OT_insert_mesh(DirectOperator, bpy.types.Operator):
         return f"Inserted {', '.join(body.name for body in settings.bodies[-len(new) :])}{said}"
 
     def _refuse_unfit(self, meshes: list, scene, sheet: bool) -> None:
-        """What Re-simulate could not write; what was imported for it is not left behind."""
-        from ..bake.at_rest import discard  # needs NumPy, as does the other
+        """Raise UsageError for meshes that Re-simulate could not write, and remove them again if they were imported for this."""
+        from ..bake.at_rest import discard  # both need NumPy
         from .resimulate.edit_export import refuse_unfit
 
         try:
@@ -108,7 +108,7 @@ class SEEING_WIND_OT_remove_body(DirectOperator, bpy.types.Operator):
     bl_label = "Remove"
 
     def act(self, context):
-        """Objects and keyframes are not touched."""
+        """Remove the list entry; objects and keyframes are not touched."""
         settings = context.scene.seeing_wind
         index = _active(settings)
         body = settings.bodies[index]
@@ -129,7 +129,7 @@ class SEEING_WIND_OT_pin_vertices(DirectOperator, bpy.types.Operator):
     vertex_group: StringProperty(name="Vertex Group", options={"SKIP_SAVE"}, description="Empty: the object's active group")
 
     def act(self, context):
-        """Check that the group holds something, and note it."""
+        """Check that the group holds some vertices, and store its name with the body."""
         from ..scene_mesh import FIRM, pinned_vertices  # needs NumPy
 
         settings = context.scene.seeing_wind
@@ -148,21 +148,21 @@ class SEEING_WIND_OT_pin_vertices(DirectOperator, bpy.types.Operator):
 
 
 class ScaleOperator(DirectOperator):
-    """Mix-in of the operators that set a factor of one body."""
+    """Mix-in for the operators that set a factor of one body."""
 
     sets = ""
-    """Name of the body's setting."""
+    """Name of the body's property that is set."""
     says = ""
-    """What is said of body and factor."""
+    """Format of the reported message, with the fields `body` and `factor`."""
 
     object: StringProperty(name="Object", options={"SKIP_SAVE"}, description="Name of an inserted object; empty: the active body")
 
     def act(self, context):
-        """Noted for the next re-simulation."""
+        """Set the factor; it takes effect in the next re-simulation."""
         settings = context.scene.seeing_wind
         body = settings.bodies[_active(settings, self.object)]
         setting = body.bl_rna.properties[self.sets]
-        if not setting.hard_min <= self.factor < setting.hard_max:  # not a number is none of these either
+        if not setting.hard_min <= self.factor < setting.hard_max:  # NaN fails both comparisons
             what = f"The {setting.name.lower()} of {body.called} cannot be {self.factor:g}."
             raise UsageError(what, f"Give {setting.hard_min:.2g} or more; 1 leaves it as it is.")
         setattr(body, self.sets, self.factor)
@@ -196,7 +196,7 @@ class SEEING_WIND_OT_free_recovered(DirectOperator, bpy.types.Operator):
     vertex_group: StringProperty(name="Vertex Group", options={"SKIP_SAVE"}, description="Of the recovered object; empty: everywhere")
 
     def act(self, context):
-        """Noted for the next re-simulation; the object is inserted if it is not yet."""
+        """Store what is released for the next re-simulation, and insert the recovered object if it is not in the list yet."""
         settings = context.scene.seeing_wind
         if settings.recovered_object is None:
             raise UsageError("There is no recovered object.", "Run Recover first.")
@@ -222,7 +222,7 @@ class SEEING_WIND_OT_insert_collider(DirectOperator, bpy.types.Operator):
     object: StringProperty(name="Object", options={"SKIP_SAVE"}, description="Name of a mesh object; empty: all selected ones")
 
     def act(self, context):
-        """One collider per mesh; what is a body of this edit cannot be one."""
+        """Add one collider per mesh; a body of this edit cannot be a collider."""
         from .resimulate.edit_export import refuse_unfit  # needs NumPy
 
         settings = context.scene.seeing_wind
@@ -253,7 +253,7 @@ class SEEING_WIND_OT_remove_collider(DirectOperator, bpy.types.Operator):
     bl_label = "Remove Collider"
 
     def act(self, context):
-        """Its object is not touched."""
+        """Remove the list entry; the object is not touched."""
         settings = context.scene.seeing_wind
         index = settings.active_collider
         if index >= len(settings.colliders):
@@ -271,7 +271,7 @@ class SEEING_WIND_OT_duplicate_edit(DirectOperator, bpy.types.Operator):
     bl_label = "Duplicate Edit"
 
     def act(self, context):
-        """The copy is worked on from now on; it is not simulated yet."""
+        """Duplicate the edit and make the copy, which is not simulated yet, the active one."""
         from .edits import duplicate  # needs NumPy
 
         return f"Working on {duplicate(context.scene)}"
@@ -284,14 +284,14 @@ class SEEING_WIND_OT_remove_edit(DirectOperator, bpy.types.Operator):
     bl_label = "Remove Edit"
 
     def act(self, context):
-        """What is the user's is not touched."""
+        """Remove the edit; the user's own objects are not touched."""
         from .edits import remove  # needs NumPy
 
         return f"Removed {remove(context.scene.seeing_wind)}"
 
 
 def _active(settings: bpy.types.PropertyGroup, name: str = "") -> int:
-    """Index of the body of that object, or of the active one. Raises UsageError when there is none."""
+    """Index of the body called `name`, or else of the active body. Raises UsageError when there is none."""
     if name:
         for index, body in enumerate(settings.bodies):
             if name == body.name or (body.object is not None and body.object.name == name):

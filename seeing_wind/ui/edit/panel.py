@@ -1,4 +1,4 @@
-"""The panel *Edit*: edits, bodies, and what surrounds them."""
+"""The panel *Edit*: edits, bodies, and their surroundings."""
 
 import bpy
 
@@ -12,7 +12,7 @@ from ..option_properties import panel_options
 from .sheet_label import is_shell, shell_words
 
 SHORT = {"areal_density": "Weight", "tensile_stiffness": "Stretching", "bending_stiffness": "Bending"}
-"""Words for numbers whose own names a sidebar cuts off; the unit follows, unless it stands with the number."""
+"""Short labels for numbers whose full names do not fit into a sidebar. The unit is appended, unless it is shown with the number."""
 BODY = options_of(BodyEdit)
 
 
@@ -31,7 +31,7 @@ class EditTab(Tab):
         if settings.active_body < len(settings.bodies):
             _draw_body(column, settings.bodies[settings.active_body], settings)
         row = column.row()
-        row.use_property_decorate = True  # its keyframes count
+        row.use_property_decorate = True  # keyframes of the strength take effect
         row.prop(settings, "field_strength")
         if has_wind(settings.field_object):
             column.prop(settings, "edit_field")
@@ -42,7 +42,7 @@ class EditTab(Tab):
 
 
 def _draw_edits(layout, settings, space: str) -> None:
-    """The list of edits, once there is more than one, and the way to a second."""
+    """Draw the list of edits if there are several, else the button that makes a second one."""
     if not len(settings.edits):
         if len(settings.bodies):
             layout.operator("seeing_wind.duplicate_edit", text="Duplicate Edit to Compare", icon="DUPLICATE")
@@ -52,7 +52,7 @@ def _draw_edits(layout, settings, space: str) -> None:
 
 
 def _draw_bodies(layout, settings, space: str) -> None:
-    """The list of bodies, and the ways to one more."""
+    """Draw the list of bodies and the buttons that add one."""
     buttons = ("seeing_wind.insert_mesh", "ADD"), ("seeing_wind.remove_body", "REMOVE")
     draw_list(layout, settings, space, "bodies", "active_body", *buttons)
     sub = layout.row()
@@ -61,7 +61,7 @@ def _draw_bodies(layout, settings, space: str) -> None:
 
 
 def _draw_body(column, body, settings) -> None:
-    """The settings of one body."""
+    """Draw the settings of one body."""
     if not body.is_recovered:
         column.prop(body, "object")
         draw_material(column, body)
@@ -83,7 +83,7 @@ def _draw_body(column, body, settings) -> None:
 
 
 def _draw_numbers(column, body) -> None:
-    """What is said in place of the material's numbers, and how the body begins."""
+    """Draw the values that override the material's, and the initial state of the body."""
     for name in _numbers(body):
         short = SHORT.get(name, "")
         if short and getattr(body, f"use_{name}"):
@@ -98,7 +98,7 @@ def _draw_numbers(column, body) -> None:
 
 
 def _preset(body, name: str) -> str:
-    """The number that counts in place of one that is not ticked."""
+    """The value that holds where an override is not ticked, as text."""
     if body.is_recovered:
         return "As recovered"
     if name == "mass":
@@ -109,7 +109,7 @@ def _preset(body, name: str) -> str:
 
 
 def _numbers(body) -> list[str]:
-    """The properties in place of the material's that count for a body; a solid's that were given to a shell count there, too."""
+    """Names of the material overrides that apply to a body; for a shell, also those of a solid that were ticked."""
     if not is_shell(body):
         return ["mass", "youngs_modulus"] if body.use_mass else ["density", "mass", "youngs_modulus"]
     sheet = ["areal_density", "thickness", "tensile_stiffness", "bending_stiffness"]
@@ -117,7 +117,7 @@ def _numbers(body) -> list[str]:
 
 
 def _draw_surroundings(column, settings, space: str) -> None:
-    """Gravity, other forces, what the bodies run into, and where the edit is shown."""
+    """Draw gravity, other forces, obstacles, and where the edit is shown."""
     column.prop(settings, "edit_gravity_mode")
     if settings.edit_gravity_mode == "CUSTOM":
         column.prop(settings, "edit_gravity")
@@ -149,8 +149,8 @@ def _draw_surroundings(column, settings, space: str) -> None:
 
 
 def is_gone(obj, scene) -> bool:
-    """Whether the user has deleted an object: one that a list still names lives on outside all scenes."""
-    # by identity: a linked object and one of this file may have the same name
+    """Whether the user has deleted an object. An object that a list still refers to lives on outside all scenes."""
+    # by identity: a linked object and a local one may have the same name
     return obj is None or scene not in obj.users_scene
 
 
@@ -158,7 +158,7 @@ class SEEING_WIND_UL_bodies(bpy.types.UIList):
     """The bodies of the edit."""
 
     def draw_item(self, context, layout, data, item, icon, active_data, active_property, index):
-        """Name, mass and pins at a glance; an object that is gone says so."""
+        """Draw name, mass factor and pins; mark an object that is gone."""
         gone = not item.is_recovered and is_gone(item.object, context.scene)
         row = layout.row()
         row.alert = gone
@@ -173,7 +173,7 @@ class SEEING_WIND_UL_colliders(bpy.types.UIList):
     """What the bodies run into."""
 
     def draw_item(self, context, layout, data, item, icon, active_data, active_property, index):
-        """Its name; an object that is gone says so."""
+        """Draw the name; mark an object that is gone."""
         row = layout.row()
         gone = is_gone(item.object, context.scene)
         row.alert = gone
@@ -184,7 +184,7 @@ class SEEING_WIND_UL_edits(bpy.types.UIList):
     """The edits of one field."""
 
     def draw_item(self, context, layout, data, item, icon, active_data, active_property, index):
-        """Its name, which can be changed."""
+        """Draw the name as an editable field."""
         layout.prop(item, "name", text="", emboss=False, icon="PHYSICS")
 
 

@@ -1,4 +1,4 @@
-"""The settings of the step *Edit*: bodies, what is in their way, and several edits of one field.
+"""The settings of the step *Edit*: bodies, colliders, and several edits of one field.
 
 No postponed annotations here: Blender reads these annotations as property definitions.
 """
@@ -13,11 +13,11 @@ from ..property_kinds import KEPT, MATERIAL_ITEMS, changed, choice, is_mesh, num
 
 
 class Line:
-    """Mix-in of a line of the panel's lists."""
+    """Mix-in for an entry of the panel's lists."""
 
     @property
     def called(self) -> str:
-        """As the user knows it: by the name of its object, which may have been renamed, and the last one of an object that is gone."""
+        """The name the user knows: that of the object, which may have been renamed; the last known name if the object is gone."""
         return self.name if self.object is None else self.object.name
 
 
@@ -99,7 +99,7 @@ class SEEING_WIND_PG_edit(EditOptions, bpy.types.PropertyGroup):
 
 
 def _switch_edit(self, context) -> None:
-    from .edits import switch  # needs NumPy, which nobody has to wait for who has one edit
+    from .edits import switch  # needs NumPy, whose import a user with a single edit need not wait for
 
     switch(self)
 

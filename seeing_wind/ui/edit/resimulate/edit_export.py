@@ -30,18 +30,18 @@ from .preview import COARSENESS, frames_seen
 from .request import Body, EditRequest, Mover
 
 COARSELY = 0.1
-"""Of the size of forces: if they are that far off between the nodes of the lattice, the user is told."""
+"""Interpolation error between the lattice nodes, relative to the size of the forces, above which the user is told."""
 STILL = 1e-6
-"""Metres that pinned vertices may move and still be taken to stay: single precision."""
+"""Largest displacement [m] of vertices that still count as not moving: single precision."""
 
 
 def export_edit(
     request: EditRequest, scene: bpy.types.Scene, source: Path, folder: Path, preview: bool
 ) -> tuple[Path, list[str]]:
-    """Write an edit of `scene` into `folder`. Returns the path of its edit.toml, and what the user should know of it.
+    """Write an edit of `scene` into `folder`. Returns the path of its edit.toml, and notes for the user.
 
-    Meshes are written as they stand at the clip's first frame, before any bake, in the place where they are simulated (the edit's
-    offset taken off). For a preview the edit asks for coarser particles, and for no more frames than are seen.
+    Meshes are written as they are in the clip's first frame, without any bake, in the place where they are simulated (with the edit's
+    offset subtracted). For a preview, the edit asks for coarser particles, and only for the frames that are played or baked.
 
     Raises:
         UsageError: no bodies, an object that is gone, an empty vertex group.
@@ -70,10 +70,10 @@ def export_edit(
 
 
 def refuse_unfit(objects: Sequence[bpy.types.Object], scene: bpy.types.Scene, collide: bool = False, sheet: bool = False) -> None:
-    """UsageError for the first of `objects` that Re-simulate could not write as a body: of no area, or with vertices nowhere; or, as what
-    bodies `collide` with, which needs an inside, too; or, of a material that comes as a `sheet`, an open mesh that is none.
+    """Raise UsageError for the first of `objects` that Re-simulate could not write: one without area or with non-finite vertices; with
+    `collide`, also a collider without an inside; with `sheet`, for a material that comes as a sheet, also an open mesh that is no sheet.
 
-    As Re-simulate does, it looks at them in the clip's first frame; the scene goes there only where one of them may move.
+    Like Re-simulate, it checks the objects in the clip's first frame; the scene is set to that frame only if one of them may move.
     """
     before, first = scene.frame_current_final, scene.seeing_wind.frame_start
     away = before != first and any(may_move(obj) for obj in objects)
@@ -100,7 +100,8 @@ def refuse_unfit(objects: Sequence[bpy.types.Object], scene: bpy.types.Scene, co
 def _forces(
     request: EditRequest, scene: bpy.types.Scene, field: FieldSummary, folder: Path, bodies: list[dict[str, Any]], frames: list[float]
 ) -> tuple[Path | None, list[str]]:
-    """Blender's own force fields over all that the bodies and the field take up, as the file that the edit names; None without any."""
+    """Write Blender's own force fields, sampled over the box of the bodies and the field. Returns the file's path, relative to `folder`
+    (None without force fields), and notes for the user."""
     fields, path = force_fields(scene), folder / "forces.npz"
     if not fields:
         return None, []
@@ -117,7 +118,7 @@ def _forces(
 
 
 def _strengths(scene: bpy.types.Scene, field: FieldSummary, share: list[float]) -> float | list[float]:
-    """The factor on the field, its object's strength with it: one number, or one per frame of the clip (T,) where it changes."""
+    """The factor on the field, including the strength of its object: one number, or one per clip frame (T,) if it changes."""
     values = values_over(scene, scene.seeing_wind, "field_strength", scene_frames(scene, field.frames, field.fps))
     both = [one * other for one, other in zip(values * len(share) if len(values) == 1 else values, share, strict=True)]
     wrong = len(both) - int(np.isfinite(both).sum())
@@ -130,7 +131,7 @@ def _strengths(scene: bpy.types.Scene, field: FieldSummary, share: list[float]) 
 
 
 def _place(place: np.ndarray | None, folder: Path) -> Path | None:
-    """Where the field stands, as the file that the edit names; None where it was recovered."""
+    """Write where the field stands. Returns the file's path relative to `folder`; None if the field stands where it was recovered."""
     path = folder / "field_place.npy"
     if place is None:
         return None
@@ -139,7 +140,7 @@ def _place(place: np.ndarray | None, folder: Path) -> Path | None:
 
 
 def scene_frames(scene: bpy.types.Scene, count: int, fps: float) -> list[float]:
-    """Scene frames at which the clip's first `count` frames are."""
+    """Scene frames of the clip's first `count` frames."""
     stride = scene.render.fps / scene.render.fps_base / fps if scene.seeing_wind.real_time else 1.0
     return [scene.seeing_wind.frame_start + stride * t for t in range(count)]
 
@@ -167,7 +168,7 @@ def _body(body: Body, request: EditRequest, scene: bpy.types.Scene, source: Path
 
 
 def _way(obj: bpy.types.Object, scene: bpy.types.Scene, pinned: np.ndarray, frames: list[float]) -> np.ndarray | None:
-    """(T+1, P, 3) [m] where pinned vertices are in the clip's frames, as what they are tied to moves; None where they stay."""
+    """(T+1, P, 3) positions [m] of pinned vertices in the clip's frames, following what they are tied to; None if they do not move."""
     way = []
     for frame in _visited(scene, frames):
         vertices = mesh_arrays(obj, bpy.context.evaluated_depsgraph_get())[0]
@@ -179,7 +180,7 @@ def _way(obj: bpy.types.Object, scene: bpy.types.Scene, pinned: np.ndarray, fram
 
 
 def _visited(scene: bpy.types.Scene, frames: list[float]) -> Iterator[float]:
-    """Scene frames, each while the scene is at it; then the scene is at the first again."""
+    """Yield scene frames, each with the scene set to it; afterwards the scene is set to the first again."""
     for frame in frames:
         scene.frame_set(int(frame // 1), subframe=frame % 1.0)
         yield frame
@@ -192,14 +193,14 @@ def _unless_still(way: list[np.ndarray]) -> np.ndarray | None:
 
 
 def present(body: Mover, scene: bpy.types.Scene) -> bpy.types.Object:
-    """The object of a body or collider. Raises UsageError when the user has deleted it, or taken it out of the scene."""
+    """The object of a body or collider. Raises UsageError when the user has deleted it or removed it from the scene."""
     if body.object is None or body.object not in scene.objects.values():
         raise UsageError(f"The object of {body.called} is gone.", "Take it off the list, or undo its deletion.")
     return body.object
 
 
 def _holds_of_the_recovered(body: Body, scene: bpy.types.Scene, source: Path, folder: Path, pins: Path) -> dict[str, Any]:
-    """Which particles of the clip's object are held besides those of the clip, and which are let go."""
+    """Entries for the clip's object: which particles are held in addition to those held in the clip, and which are let go."""
     entry: dict[str, Any] = {}
     if body.pin_group:
         particles, weights = _carriers(body.pin_group, scene, source)
@@ -216,7 +217,7 @@ def _holds_of_the_recovered(body: Body, scene: bpy.types.Scene, source: Path, fo
 
 
 def _carriers(group: str, scene: bpy.types.Scene, source: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices of the recovered object ride on particles: the particles that carry most of a group's vertices, with their weights."""
+    """Indices (n,) of the particles that most strongly carry the vertices of a group of the recovered object, and their pin weights (n,)."""
     obj = scene.seeing_wind.recovered_object
     if obj is None:
         raise UsageError("The recovered object is gone.", "Load the results again, or undo its deletion.")
@@ -233,7 +234,7 @@ def _carriers(group: str, scene: bpy.types.Scene, source: Path) -> tuple[np.ndar
 def _colliders(
     request: EditRequest, scene: bpy.types.Scene, folder: Path, frames: list[float]
 ) -> tuple[list[dict[str, Any]], list[str]]:
-    """What is in the way, with the way that it goes itself, and what of it could not be carried."""
+    """Entries for the colliders, with their motion, and notes on motion that could not be represented."""
     found, notes = [{"name": "floor", **request.floor}] if request.floor is not None else [], []
     for collider in request.colliders:
         obj = present(collider, scene)
@@ -255,9 +256,9 @@ def _colliders(
 
 
 def _way_of_mesh(obj: bpy.types.Object, scene: bpy.types.Scene, frames: list[float]) -> tuple[np.ndarray | None, bool]:
-    """(T+1, V, 3) [m] where a mesh's vertices are in the clip's frames, None where they stay; and whether that is all of its motion.
+    """Positions (T+1, V, 3) [m] of a mesh's vertices in the clip's frames, None if they do not move; and whether that is all of its motion.
 
-    A mesh whose vertices come and go is carried along as a whole, as it was in the first frame.
+    A mesh whose number of vertices changes keeps its shape of the first frame and follows the motion of the object.
     """
     way, places, whole = [], [], True
     for _ in _visited(scene, frames):
@@ -280,7 +281,7 @@ def _gravity(request: EditRequest, source: Path) -> tuple[float, float, float] |
 
 
 def recovered_gravity(source: Path) -> tuple[float, float, float]:
-    """What Recover was given in the take `source` [m/s²]. Raises TakeError for a take that says nothing sensible."""
+    """The gravity [m/s²] that Recover was given in the take `source`. Raises TakeError when it is no vector of three numbers."""
     recovered = Take(source).description().get("stages", {}).get("recover", {}).get("settings", {}).get("gravity", GRAVITY)
     if len(recovered) != 3:
         raise TakeError(f"The gravity in {source} is no vector.", "Run Recover again.")

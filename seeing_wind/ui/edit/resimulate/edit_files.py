@@ -25,12 +25,12 @@ def export_mesh(
 
     Args:
         obj: a mesh object or one that Blender can turn into a mesh.
-        depsgraph: evaluated at the frame wanted.
-        path: of the NPZ; its folder is made.
+        depsgraph: evaluated at the wanted frame.
+        path: of the NPZ; its folder is created.
         shift: (3,) added to the vertices [m].
 
     Raises:
-        UsageError: when the object is none that could move, see `solid_arrays`.
+        UsageError: when the object cannot be simulated, see `solid_arrays`.
     """
     vertices, triangles = solid_arrays(obj, depsgraph)
     vertices = vertices * metres_per_unit(depsgraph.scene) + np.asarray(shift)
@@ -40,13 +40,13 @@ def export_mesh(
 
 
 def export_pins(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph, group: str, path: str | Path) -> tuple[np.ndarray, Path | None]:
-    """Write the vertices of `pinned_vertices` as NPY. Returns which they are (n,), and where their weights are (None: all firm)."""
+    """Write the vertices of `pinned_vertices` as NPY. Returns their indices (n,), and the path of their weights (None if all hold firmly)."""
     pinned, weights = pinned_vertices(obj, depsgraph, group)
     return pinned, write_pins(path, pinned, weights)
 
 
 def write_pins(path: str | Path, pinned: np.ndarray, weights: np.ndarray) -> Path | None:
-    """Write indices (n,) as NPY, and weights (n,) beside them as NAME.weights.npy (its path is returned) unless all hold firmly."""
+    """Write indices (n,) as NPY. Unless all hold firmly, also write the weights (n,) as NAME.weights.npy beside it and return that path."""
     path = Path(path)
     write_array(path, pinned)
     if (weights >= FIRM).all():
@@ -57,7 +57,7 @@ def write_pins(path: str | Path, pinned: np.ndarray, weights: np.ndarray) -> Pat
 
 
 def write_array(path: Path, array: np.ndarray) -> None:
-    """Write an NPY, aside and renamed."""
+    """Write an NPY file under a temporary name, then rename it."""
     with Take(path.parent).writing(path.name) as aside:
         np.save(aside, array)
 
@@ -73,9 +73,9 @@ def write_edit(
     """Write `edit.toml`, the engine's description of a re-simulation.
 
     Args:
-        folder: of the file; paths in `bodies` may be relative to it.
-        bodies: one mapping per `[[body]]`: name, mesh, material, and what is overridden; None leaves a key out.
-        gravity: [m/s²], None for none.
+        folder: where the file is written; paths in `bodies` may be relative to it.
+        bodies: one mapping per `[[body]]`: name, mesh, material, and overrides; a value of None leaves its key out.
+        gravity: [m/s²], None for no gravity.
         colliders: one mapping per `[[collider]]`.
         owner: the file's first line, see `takes.own`.
         settings: further keys at the top, such as `field_strength` (a number, or one per frame).
@@ -93,7 +93,7 @@ def write_edit(
 
 
 def _plain(value: Any) -> Any:
-    """Blender's and NumPy's arrays, and paths, as TOML has them."""
+    """Convert paths, NumPy values and Blender's arrays to types that TOML can store."""
     if isinstance(value, Path):
         return str(value)
     if isinstance(value, np.generic):

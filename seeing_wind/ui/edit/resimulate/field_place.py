@@ -1,4 +1,4 @@
-"""The field object as it stands in the scene: place, strength and what becomes of it beside its box, as native solvers feel them."""
+"""The field object as placed in the scene: its place, its strength and its reach outside its box, as Blender's own solvers feel them."""
 
 from __future__ import annotations
 
@@ -15,11 +15,12 @@ if TYPE_CHECKING:
     import numpy as np
 
 ALIKE = 1e-6
-"""Metres, and parts of one, by which the field may stand beside where it was recovered and still be there: single precision."""
+"""Difference from the identity matrix (per metre of the field's box, if that is larger than 1 m) below which the field counts as not moved:
+single precision."""
 
 
 def stamp(scene: bpy.types.Scene) -> tuple:
-    """Of the field object as far as the re-simulation depends on it, keyframes in place of what they change."""
+    """Everything about the field object that the re-simulation depends on, with keyframes in place of the values they change."""
     obj = _field(scene)
     if obj is None:
         return ()
@@ -30,23 +31,23 @@ def stamp(scene: bpy.types.Scene) -> tuple:
 
 @dataclass(frozen=True)
 class Standing:
-    """As the engine reads it."""
+    """The placement of the field, in the form that the engine reads."""
 
     place: np.ndarray | None
-    """(T, 4, 4) from the field's coordinates to the world's [m]; None where it was recovered."""
+    """(T, 4, 4) matrices from the field's coordinates to the world's [m]; None if the field stands where it was recovered."""
     share: list[float]
-    """(T,) of the recovered strength."""
+    """(T,) strength of the field object, as a factor on the recovered strength."""
     ends: dict[str, Any]
-    """`fade` or `falloff` of the edit, or neither."""
+    """The edit's `fade` or `falloff`, or neither."""
 
 
 def standing(scene: bpy.types.Scene, box: np.ndarray, frames: list[float], metres: float) -> Standing:
-    """The field object from each of a clip's frames to the next.
+    """The placement of the field object in each interval of a clip.
 
     Args:
-        box: (2, 3) of the field as it was recovered [m].
+        box: (2, 3) the field's box, where it was recovered [m].
         frames: scene frames of the T + 1 clip frames; the scene is left at the first.
-        metres: length of a unit of the scene.
+        metres: length of one scene unit [m].
     """
     import numpy as np  # not above, see CONTRIBUTING.md
 
@@ -55,7 +56,7 @@ def standing(scene: bpy.types.Scene, box: np.ndarray, frames: list[float], metre
     obj = _field(scene)
     if obj is None:
         return Standing(None, [1.0] * (len(frames) - 1), {"fade": reach_of(FADE, box).width})
-    # solvers go to a frame, and feel the field as it stands there
+    # a solver that steps to a frame feels the field as it is in that frame
     asked = [int(frame // 1) + 1 for frame in frames[:-1]]
     matrices, shares = {}, {}
     for frame in asked if may_move_along(obj) else asked[:1]:
@@ -76,7 +77,7 @@ def standing(scene: bpy.types.Scene, box: np.ndarray, frames: list[float], metre
 
 
 def said_of_field(scene: bpy.types.Scene) -> list[str]:
-    """Where the re-simulation feels the recovered field and Blender's own solvers do not."""
+    """Messages on cases in which the re-simulation feels the recovered field but Blender's own solvers do not."""
     obj = _field(scene)
     if obj is None:
         return ["The field object was deleted: the recovered field acts where it was, and fades beside it. Reload brings the object back"]
@@ -86,6 +87,6 @@ def said_of_field(scene: bpy.types.Scene) -> list[str]:
 
 
 def _field(scene: bpy.types.Scene) -> bpy.types.Object | None:
-    """The scene's field object, unless the user has deleted it: the recovered field blows on then, where it was."""
+    """The scene's field object; None if the user has deleted it, in which case the recovered field still acts where it was."""
     obj = scene.seeing_wind.field_object
     return obj if obj is not None and scene in obj.users_scene else None

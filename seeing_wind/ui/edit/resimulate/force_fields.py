@@ -1,4 +1,4 @@
-"""Blender's own force fields that act beside the recovered one: which they are, and a digest of them. No NumPy."""
+"""Blender's own force fields that act in addition to the recovered one: which objects they are, and a digest of them. No NumPy."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from ...field.display import SLOWS, is_field, said_of_mirror
 from .geometry import geometry, lineage
 
 WITH_SPEED = {"DRAG", "HARMONIC", "MAGNET", "FLUID_FLOW"}
-"""Kinds of force fields whose force depends on the velocity of what they push; any other's does where it has a *Flow*."""
+"""Types of force fields whose force depends on the velocity of the body they push; that of any other type does if its *Flow* is set."""
 
 ONE = ({"strength", "linear_drag", "guide_minimum"}, {"harmonic_damping", "quadratic_drag"}, {"flow", "inflow"}, {"size", "rest_length"})
-"""Properties of a force field that are one number with several names."""
+"""Groups of properties of a force field that are several names for the same number."""
 
 
 def force_fields(scene: bpy.types.Scene) -> list[bpy.types.Object]:
-    """Objects with a force field of Blender's own that act in the re-simulation, as they would on a solver of the scene.
+    """Objects with one of Blender's own force fields that act in the re-simulation, as they would on a solver of the scene.
 
-    Those of the edit's effector collection if it names one, else of the scene; nothing that is disabled in viewports. Recovered fields and
-    what belongs to them are not among them.
+    They are taken from the edit's effector collection if it names one, else from the scene. Objects disabled in viewports, recovered fields
+    and what belongs to these are left out.
     """
     settings = scene.seeing_wind
     if not settings.use_force_fields:
@@ -32,17 +32,17 @@ def force_fields(scene: bpy.types.Scene) -> list[bpy.types.Object]:
 
 
 def feels_speed(fields: list[bpy.types.Object]) -> bool:
-    """Whether the force of any of them may depend on the velocity of what it pushes."""
+    """Whether the force of any of `fields` may depend on the velocity of the body it pushes."""
     return any(obj.field.type in WITH_SPEED or obj.field.flow or "field.flow" in _moving(obj) for obj in fields)
 
 
 def stamp(scene: bpy.types.Scene) -> list[tuple]:
-    """Of all that acts: kind, place and settings, with keyframes and drivers in place of what they change."""
+    """Type, place and settings of every acting force field, with keyframes and drivers in place of the values they change."""
     return [(lineage(obj), geometry(obj)[:2], _settings(obj), keyframes(obj)) for obj in force_fields(scene)]
 
 
 def left_out(scene: bpy.types.Scene) -> list[str]:
-    """What would push, or weaken a push, on a solver of the scene, and does not in the re-simulation, or not as it looks: in words."""
+    """Messages on what would push the bodies, or weaken a push, in a solver of the scene, but acts differently or not at all here."""
     settings = scene.seeing_wind
     seen = [obj for obj in scene.objects if not obj.hide_viewport]
     said = _other_winds(seen, settings.field_object)
@@ -63,7 +63,7 @@ def left_out(scene: bpy.types.Scene) -> list[str]:
 
 
 def _other_winds(seen: list[bpy.types.Object], felt: bpy.types.Object | None) -> list[str]:
-    """That bodies move in one wind only, where solvers of the scene feel more."""
+    """A message that the bodies move in one wind only, if the scene's solvers feel others as well."""
     others = sorted(obj.name for obj in seen if is_field(obj) and obj != felt)
     where = felt.name if felt is not None else "the recovered wind"
     return [f"The bodies move in {where} alone: {', '.join(others)} {'are' if len(others) > 1 else 'is'} left out"] if others else []

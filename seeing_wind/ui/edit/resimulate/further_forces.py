@@ -1,8 +1,9 @@
-"""What Blender's own force fields do in every frame of a clip, on a lattice, asked of Blender's particles.
+"""The forces of Blender's own force fields in every frame of a clip, sampled on a lattice by means of Blender's particles.
 
-Blender says in no other way what a force field does at a place: particles of 1 kg are let go there, and their velocity a frame later is
-the force. That is done in passing scenes, so that the user's own simulations keep their caches. The particles see copies that stand still
-for that frame: Blender does not say whether a solver comes before the keyframes of a field's strength or after them.
+Blender offers no other way to evaluate a force field at a point: particles of 1 kg are released there, and their change of velocity over
+one frame gives the force. This is done in temporary scenes, so that the user's own simulations keep their caches. The particles feel copies
+of the fields that are constant during the frame, as Blender does not document whether a solver runs before or after the keyframes of a
+field's strength are evaluated.
 """
 
 from __future__ import annotations
@@ -19,46 +20,47 @@ from ...field.lattice import SampledField, fine_lattice, lattice_counts
 from .force_fields import feels_speed
 
 SECONDS = 0.04
-"""Of a frame of Blender's particles."""
+"""Duration of a frame of Blender's particles [s]."""
 BESIDE = 0.25
-"""Of the longest side of what bodies and field take up: by so much the lattice is larger on every side."""
+"""Margin of the lattice on every side, relative to the longest side of the box of bodies and field."""
 FINER, CLOSE = 40, 0.01
-"""Cells along the longest side where the usual lattice is further off than that between its nodes, over the size of the forces."""
+"""Cells along the longest side of a finer lattice, and the interpolation error of the usual lattice, relative to the size of the forces,
+above which the finer one is used."""
 COARSER = 2
-"""Only each second node, along each axis, has numbers for the velocity: there are ten of them."""
+"""The dependence on the velocity, ten numbers per node, is stored at every second node along each axis only."""
 MOST = 4096
-"""Particles of one system: with many more, Blender puts two on one vertex."""
+"""Largest number of particles in one system: with many more, Blender puts two on one vertex."""
 SLIGHT = 1e-4
-"""Newtons at 1 scene unit a second under which a force does not depend on the velocity: single precision."""
+"""Change of the force [N] at 1 scene unit/s below which it counts as independent of the velocity: single precision."""
 
 REST = (0.0, 0.0, 0.0)
 MOVING = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0), (2.0, 0.0, 0.0))
-"""Velocities with which particles are let go [scene units/s]."""
+"""Velocities with which particles are released [scene units/s]."""
 
 
 @dataclass(frozen=True)
 class FurtherForces:
-    """As the engine reads them, see `recovery.resimulate.forces`."""
+    """Sampled forces in the form that the engine reads, see `recovery.resimulate.forces`."""
 
     arrays: dict[str, np.ndarray]
     error: float
-    """How far off they are between the nodes, in the mean, over their size."""
+    """Mean interpolation error of the forces between the nodes, relative to their size."""
 
 
 def further_forces(fields: list[bpy.types.Object], box: np.ndarray, frames: list[float], metres: float) -> FurtherForces:
-    """The forces of `fields` from each of a clip's frames to the next.
+    """The forces of `fields` in each interval of a clip.
 
     Args:
-        box: (2, 3) what bodies and the recovered field take up [m].
+        box: (2, 3) bounding box of the bodies and the recovered field [m].
         frames: scene frames of the T + 1 clip frames.
-        metres: length of a unit of the scene.
+        metres: length of one scene unit [m].
 
     Raises:
-        UsageError: when Blender lets no particles go, or a force is not finite.
+        UsageError: when Blender does not emit the particles, or a force is not finite.
     """
     margin = BESIDE * float(np.ptp(box, axis=0).max())
     box = np.stack([box[0] - margin, box[1] + margin])
-    # solvers go to a frame, and a clip frame that is between two frames is on its way to the next one
+    # a solver steps to a whole frame, so a clip frame between two scene frames belongs to the step to the later one
     asked = [int(frame // 1) + 1 for frame in frames[:-1]]
     nodes = fine_lattice(box)
     with _probes(fields, nodes / metres, None) as probes:
@@ -79,14 +81,14 @@ def further_forces(fields: list[bpy.types.Object], box: np.ndarray, frames: list
 
 
 def _error(nodes: np.ndarray, forces: np.ndarray | list[np.ndarray]) -> float:
-    """How far forces (T, L, 3) are off between the nodes, in the mean, over their size; 0 where they are no numbers."""
+    """Mean interpolation error of forces (T, L, 3) between the nodes, relative to their size; 0 if any force is not finite."""
     if not np.isfinite(forces).all():
         return 0.0
     return SampledField(nodes, np.asarray(forces), np.ones(np.shape(forces)[:2])).error_between_nodes()[1]
 
 
 def _by_speed(still: np.ndarray, moving: list[np.ndarray], counts: tuple[int, ...], metres: float) -> dict[str, np.ndarray]:
-    """How forces depend on the velocity, from those (T, L, 3) [kg scene units/s²] at rest and at each of `MOVING`; nothing where not."""
+    """The dependence on the velocity, from forces (T, L, 3) [kg scene units/s²] at rest and at each of `MOVING`; empty if there is none."""
     quadratic = -0.5 * (moving[3][..., 0] - 2.0 * moving[0][..., 0] + still[..., 0])
     linear = np.stack([moving[axis] - still for axis in range(3)], axis=-1) + quadratic[..., None, None] * np.eye(3)
     if max(np.abs(linear).max(), np.abs(quadratic).max()) <= SLIGHT:
@@ -98,11 +100,11 @@ def _by_speed(still: np.ndarray, moving: list[np.ndarray], counts: tuple[int, ..
 
 
 class _Probes:
-    """Particle systems at places, a row of them for each velocity.
+    """Particle systems at given places, one row of them per velocity.
 
     Args:
-        scene: of the particles and the copies; source: of the force fields themselves.
-        rows: a velocity [scene units/s] and the objects that let particles go with it.
+        scene: holds the particles and the copies; source: holds the force fields themselves.
+        rows: a velocity [scene units/s] and the objects that emit particles with it.
     """
 
     def __init__(
@@ -112,7 +114,7 @@ class _Probes:
         self._scene, self._source, self._copies, self._rows = scene, source, copies, rows
 
     def felt(self, frame: int) -> list[np.ndarray]:
-        """Forces (L, 3) [kg scene units/s²] on the way to a frame, by velocity."""
+        """Forces (L, 3) [kg scene units/s²] during the step to a frame, one array per velocity."""
         self._source.frame_set(frame)
         depsgraph = self._source.view_layers[0].depsgraph
         for obj, copy in self._copies.items():
@@ -130,7 +132,7 @@ class _Probes:
 
 
 def _pose(copy: bpy.types.Object, evaluated: bpy.types.Object) -> None:
-    """Place a copy, and set its force field, as the evaluated object has them."""
+    """Give a copy the place and the force field settings of the evaluated object."""
     copy.matrix_world = evaluated.matrix_world
     for prop in copy.field.bl_rna.properties:
         if not prop.is_readonly and prop.type != "POINTER":
@@ -158,7 +160,7 @@ def _velocities(evaluated: bpy.types.Object) -> np.ndarray:
 
 @contextlib.contextmanager
 def _probes(fields: list[bpy.types.Object], places: np.ndarray, some: np.ndarray | None) -> Iterator[_Probes]:
-    """Particles among the force fields alone: at rest at places (L, 3) [scene units] and, if speed may count, moving at some (S, 3).
+    """Particles that feel only the force fields: at rest at places (L, 3) and, if `some` is given, moving at these (S, 3) [scene units].
 
     Everything is removed at the end.
     """
@@ -189,7 +191,7 @@ def _probes(fields: list[bpy.types.Object], places: np.ndarray, some: np.ndarray
 def _let_go(
     scene: bpy.types.Scene, places: np.ndarray, speed: tuple[float, float, float], around: bpy.types.Collection
 ) -> bpy.types.Object:
-    """An object that lets a particle go at each of some places with one velocity."""
+    """An object that emits one particle at each of `places`, all with the velocity `speed`."""
     mesh = bpy.data.meshes.new("Seeing Wind Probes")
     mesh.from_pydata(places.tolist(), [], [])
     obj = bpy.data.objects.new("Seeing Wind Probes", mesh)
