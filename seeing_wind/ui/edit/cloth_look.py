@@ -9,8 +9,8 @@ import bpy
 from ...engine.materials import SHEETS
 
 SUNK = 0.2
-"""Areal density [kg/m²] at which the transmitted share of the light falls to `THIN` / e. With this value, shirting of 120 g/m² transmits a
-third of the light and denim of 400 g/m² a twelfth. Chosen."""
+"""Areal density [kg/m²] at which the transmitted share of the light falls to `THIN` / e. With this value, shirting of 120 g/m² transmits
+a third of the light and denim of 400 g/m² a twelfth. Chosen."""
 THIN = 0.6
 """Share of the unabsorbed light that the thinnest cloth transmits."""
 WHITE = (0.80, 0.79, 0.76, 1.0)

@@ -14,14 +14,14 @@ from ..job import status
 from ..scene_units import metres_per_unit
 
 MADE = "seeing_wind_made_for_edit"
-"""Custom property of each object and collection that `duplicate` makes: the name it was given. If renamed since, it counts as the user's."""
+"""Custom property of each object and collection that `duplicate` makes: its name then. One renamed since is the user's."""
 
 GAP = 1.2
 """Distance between a copied edit and its original, in widths of the field."""
 
 
 def switch(settings: bpy.types.PropertyGroup) -> None:
-    """Make the edit `active_edit` the active one: store the present edit in its list entry, then load the settings of the other."""
+    """Activate the edit `active_edit`: store the present edit in its list entry, then load the settings of the other."""
     count = len(settings.edits)
     if count == 0 or settings.active_edit == settings.loaded_edit:
         return
@@ -76,7 +76,7 @@ def duplicate(scene: bpy.types.Scene) -> str:
 def remove(settings: bpy.types.PropertyGroup) -> str:
     """Remove the present edit and make its neighbour active. Returns the name of the removed edit.
 
-    The copies that `duplicate` made for the edit are removed, as are the baked stand-ins for these copies or for the recovered object, unless
+    The copies that `duplicate` made for the edit are removed, as are the baked stand-ins for these or for the recovered object, unless
     something else uses them. The user's own objects stay with their keyframes; *Clear Bake* removes these where no body of an edit has any.
 
     Raises:
@@ -122,7 +122,7 @@ def _is_copy(obj: bpy.types.Object) -> bool:
 
 
 def _used_elsewhere(obj: bpy.types.Object, scene: bpy.types.Scene, among: list[bpy.types.Object]) -> bool:
-    """Whether anything uses an object, apart from the scene, collections, and the objects `among` which it is (those of the same body)."""
+    """Whether anything uses an object, apart from the scene, collections, and `among`, the objects of the same body."""
     users = bpy.data.user_map(subset={obj})[obj] - {scene, *among}
     return any(not isinstance(user, bpy.types.Collection) for user in users)
 

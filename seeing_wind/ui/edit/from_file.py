@@ -113,7 +113,7 @@ def _add_collider(scene: bpy.types.Scene, entry: dict[str, Any], folder: Path) -
 
 
 def _left_out(edit: dict[str, Any], colliders: list[dict[str, Any]]) -> list[str]:
-    """A message on the parts of an edit that the panel does not hold, so that another simulation would lack them; empty if there are none."""
+    """A message on the parts of an edit that the panel does not hold and another simulation would lack; empty if there are none."""
     parts = [f"the collider {each['name']}" for each in colliders]
     parts += [f"how the collider {each['name']} moves" for each in edit.get("collider", []) if "mesh_path" in each]
     parts += [f"how the pins of {each['name']} move" for each in edit.get("body", []) if "pin_path" in each]

@@ -1,4 +1,4 @@
-"""What the panel says of a body that will be simulated as a shell."""
+"""What the panel displays for a body that will be simulated as a shell."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from ..scene_units import metres_per_unit
 from .resimulate.geometry import once_per_shape
 
 SAME = 1e-5
-"""Relative difference of areas that is none: single precision."""
+"""Relative difference below which areas count as equal: single precision."""
 SHEET = tuple(SHEET_UNITS)
-"""Options of a body that mean something only if it is a shell."""
+"""Options of a body that apply only to a shell."""
 
 
 def open_area(obj: bpy.types.Object | None, scene: bpy.types.Scene) -> float:
-    """Area [m²] of a mesh that has a border, without its modifiers; 0 for a closed one, and for None."""
+    """Area [m²] of a mesh with a border, ignoring its modifiers; 0 for a closed mesh and for None."""
     import numpy as np  # not above, see CONTRIBUTING.md
 
     if obj is None or obj.type != "MESH" or not len(obj.data.polygons):
@@ -36,7 +36,7 @@ def open_area(obj: bpy.types.Object | None, scene: bpy.types.Scene) -> float:
 
 
 def measure(scene: bpy.types.Scene) -> None:
-    """Note the area of each body's mesh as it is now, so that drawing need not look for it."""
+    """Store the present area of each body's mesh, so that drawing the panel need not compute it."""
     for body in scene.seeing_wind.bodies:
         obj, area = body.object, 0.0
         if obj is not None and obj.type == "MESH":
@@ -47,7 +47,7 @@ def measure(scene: bpy.types.Scene) -> None:
 
 
 def is_shell(body: bpy.types.PropertyGroup) -> bool:
-    """Whether a body will be a shell, as its mesh is."""
+    """Whether a body will be simulated as a shell: its material is a sheet and its mesh is open."""
     return not body.is_recovered and body.material in SHEETS and body.open_area > 0.0
 
 

@@ -1,4 +1,4 @@
-"""Arrows that show a force field, purple where it is weak and red where it is strong, as the paper draws it, and a legend.
+"""Arrows that show a force field, purple where it is weak and red where it is strong, as in the paper's figures.
 
 All frames lie in one mesh of points (see `node_groups`); a Geometry Nodes modifier puts an arrow on every point of the current frame.
 """
@@ -29,19 +29,19 @@ PEAK_QUANTILE = 0.99
 """Arrows are drawn relative to this quantile of the strength, so that one outlier does not make all others small."""
 
 CONFIDENCE_SHOWN = 0.05
-"""Default of the modifier's setting: arrows that the clip says less about are hidden."""
+"""Default of the modifier's setting: arrows of lower confidence are hidden."""
 
 FAINTEST = 0.15
-"""Opacity of an arrow of confidence 0, where such are shown at all."""
+"""Opacity of an arrow of confidence 0, if such arrows are shown at all."""
 
 COLOUR = "wind_colour"
 """Colour attribute, for Solid view (Viewport Shading > Color > Attribute)."""
 
 STRENGTH_SHOWN = 0.01
-"""Arrows below this fraction of the peak are hidden; their direction says nothing."""
+"""Arrows below this fraction of the peak are hidden, as their direction is meaningless."""
 
 AWAY = "distance"
-"""Attribute of the arrows' mesh: how far each is from the filmed object [scene units]; without it the field is known everywhere."""
+"""Attribute of the arrows' mesh: distance of each arrow from the filmed object [scene units]. Absent if the field is known everywhere."""
 
 
 def create_arrows(
@@ -57,8 +57,8 @@ def create_arrows(
     parent: bpy.types.Object | None = None,
     collection: bpy.types.Collection | None = None,
 ) -> bpy.types.Object:
-    """Make the animated arrows of a sampled field and link them to the scene: the longest, in red, are of nearly the largest strength and
-    so long that neighbours do not overlap.
+    """Make the animated arrows of a sampled field and link them to the scene. The longest, in red, stand for nearly the largest strength;
+    their length is chosen so that neighbours do not overlap.
 
     Args:
         scene: its length unit is respected.
@@ -66,8 +66,8 @@ def create_arrows(
         vectors: (T, M, 3) the field there; row t is shown from the scene frame of clip frame t on.
         confidence: (T, M) in 0..1; weakly known arrows are more transparent, hardly known ones hidden. None: all are sure.
         frame_start: scene frame of clip frame 0.
-        distance: (T, M) of the arrows from the filmed object [m]: they are as strong as the reach of the field object leaves them.
-        units: of the strength, for panel and legend.
+        distance: (T, M) of the arrows from the filmed object [m], by which the reach of the field object weakens them.
+        units: the unit of the strength, for panel and legend.
         parent: the field object that the arrows follow when it is moved, turned or made stronger.
         collection: where to link them, by default the scene's own collection.
 
@@ -103,7 +103,7 @@ def create_arrows(
 
 
 def show_reach(arrows: bpy.types.Object, field: bpy.types.Object) -> None:
-    """Draw arrows as strong as solvers feel their field object there: one that fades is weak away from the filmed object."""
+    """Redraw arrows with the strength that solvers feel there: a field that fades is weak away from the filmed object."""
     mesh = arrows.data
     if AWAY not in mesh.attributes or mesh.library is not None:
         return
@@ -114,7 +114,7 @@ def show_reach(arrows: bpy.types.Object, field: bpy.types.Object) -> None:
 
 
 def _read(mesh: bpy.types.Mesh, name: str) -> np.ndarray:
-    """The numbers of an attribute, the lengths of vectors."""
+    """The values of an attribute; for vectors, their lengths."""
     attribute = mesh.attributes[name]
     vectors = attribute.data_type == "FLOAT_VECTOR"
     flat = np.empty(len(mesh.vertices) * (3 if vectors else 1), dtype=np.float32)
@@ -123,7 +123,7 @@ def _read(mesh: bpy.types.Mesh, name: str) -> np.ndarray:
 
 
 def _show(arrows: bpy.types.Object, size: np.ndarray, sure: np.ndarray) -> None:
-    """Length and colour of all arrows, from the field's strength (T, M) [its own unit] and confidence (T, M)."""
+    """Set length and colour of all arrows from the field's strength (T, M) [its own unit] and confidence (T, M)."""
     mesh, strength = arrows.data, np.minimum(size / arrows["seeing_wind_peak"], 1.0)
     colours = np.concatenate([ramp_colours(strength), (FAINTEST + (1.0 - FAINTEST) * sure)[..., None]], axis=-1)
     mesh.attributes["strength"].data.foreach_set("value", strength.astype(np.float32).ravel())
@@ -133,7 +133,7 @@ def _show(arrows: bpy.types.Object, size: np.ndarray, sure: np.ndarray) -> None:
 
 
 def _free_length(points: np.ndarray) -> float:
-    """Nine tenths of the usual distance to the nearest neighbour, at least 3 % of the set's diagonal (points of a surface lie denser)."""
+    """Nine tenths of the median distance to the nearest neighbour, at least 3 % of the set's diagonal (points of a surface lie denser)."""
     some = points[:: max(1, len(points) // 256)]
     distance = np.linalg.norm(some[:, None] - points[None], axis=-1)
     nearest = float(np.median(np.sort(distance, axis=1)[:, 1])) if len(points) > 1 else 0.0
@@ -167,7 +167,7 @@ def ramp_colours(strength: np.ndarray) -> np.ndarray:
 def _arrow_group(
     name: str, points: int, frames: int, frame_start: int, length: float, field: bpy.types.Object | None
 ) -> bpy.types.NodeTree:
-    """The modifier: the current frame's points, those worth showing, an arrow on each."""
+    """The modifier's node group: it takes the current frame's points, selects those worth showing, and puts an arrow on each."""
     group = GroupBuilder(f"{name} Arrows")
     current = points_of_current_frame(group, points, frames, frame_start, delay=0, field=field)
     scale = group.parameter("Length", "Float", length, "Length of the longest arrows", minimum=0.0, unit="DISTANCE")
@@ -192,7 +192,7 @@ def _arrow_group(
     ).outputs[0]
     realised = group.node("GeometryNodeRealizeInstances", {"Geometry": instances}).outputs[0]
     painted = group.node("GeometryNodeSetMaterial", {"Geometry": realised, "Material": arrow_material()}).outputs[0]
-    # Solid view takes its colours from a mesh's active attribute, which only the input mesh can name: one bare vertex of it goes along,
+    # Solid view takes its colours from a mesh's active attribute, which only the input mesh defines: one bare vertex of it is joined
     # in front (what is linked last comes first)
     first = group.math("LESS_THAN", group.node("GeometryNodeInputIndex").outputs[0], 0.5)
     named = group.node(
@@ -214,7 +214,7 @@ def _thinned(group: GroupBuilder, points: int) -> Any:
 
 
 def _in_slice(group: GroupBuilder, current: Any) -> Any:
-    """1 for the arrows inside the slice that the settings ask for; without one for all."""
+    """1 for the arrows inside the slice that the settings ask for; without a slice, 1 for all."""
     axis = group.parameter("Slice Axis", "Int", 0, "0: all arrows, 1 to 3: a slice across X, Y or Z", minimum=0)
     at = group.parameter("Slice Position", "Float", 0.5, "Where in the field's box: 0 at its lower, 1 at its upper end", minimum=0.0)
     thickness = group.parameter("Slice Thickness", "Float", 0.2, "Share of the box that the slice is thick", minimum=0.0)
@@ -242,7 +242,7 @@ def _unit_arrow(group: GroupBuilder) -> bpy.types.NodeSocket:
 
 
 def arrow_material() -> bpy.types.Material:
-    """The arrows' material, shared by all: glows in the colour of its strength, more transparent where the clip says little."""
+    """The material shared by all arrows: it emits the colour of the strength and is more transparent where the confidence is low."""
     material = bpy.data.materials.get(ARROWS_MATERIAL)
     if material is not None:
         return material

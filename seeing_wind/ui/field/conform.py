@@ -1,9 +1,9 @@
-"""How fast a field's clip frames go by: one in every frame of the scene, or at the clip's own speed whatever the scene's frame rate.
+"""The speed at which a field's clip frames are played: one per scene frame, or the clip's own speed whatever the scene's frame rate.
 
 A field, its values and its arrows count frames by their modifiers' inputs, so they are retimed without the take. Clip frames that fall
-between two scene frames are right, too: a solver's step to a frame gets the force of the clip frame in the middle of that step. What moves
-in the scene is seen between two clip frames; of the clip, its mattes and its camera each scene frame has the nearest clip frame, for these
-three must fit each other.
+between two scene frames are handled correctly, too: a solver's step to a frame gets the force of the clip frame in the middle of that step.
+Motion in the scene is interpolated between clip frames; the clip, its mattes and its camera show the nearest clip frame in each scene
+frame, as these three must match each other.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ from .samples import samples_of
 
 
 def conform(scene: bpy.types.Scene, field: bpy.types.Object, real_time: bool) -> float:
-    """Let a field, and what the scene's own field belongs to, go by in real time or frame by frame.
+    """Play a field in real time or frame by frame; for the scene's own field, also the clip, the camera and the recovered object.
 
     Baked bodies are baked again, in the same way.
 
     Returns:
-        Scene frames that a clip frame lasts.
+        The number of scene frames that a clip frame lasts.
 
     Raises:
         TakeError: when a re-simulation that was baked, or the take of a camera that moves, is gone.
@@ -70,7 +70,7 @@ def conform(scene: bpy.types.Scene, field: bpy.types.Object, real_time: bool) ->
 
 
 def set_stride(field: bpy.types.Object, stride: float) -> None:
-    """Scene frames per clip frame of a field object, its values and its arrows.
+    """Set the scene frames per clip frame of a field object, its values and its arrows.
 
     Raises:
         UsageError: when the field cannot be retimed.
@@ -92,12 +92,12 @@ def begin_at(field: bpy.types.Object, frame: int) -> None:
 
 
 def begin_with_scene(scene: bpy.types.Scene, field: bpy.types.Object) -> str:
-    """Let a wind that came from another file begin with the scene, if it is over before the scene begins, or begins after its end.
+    """Let a wind from another file begin with the scene, if it would be over before the scene begins, or begin after the scene ends.
 
-    One that loops is never over. Returns what was changed, in words; "" where nothing was.
+    A wind that loops is never over. Returns a message on what was changed; "" if nothing was.
 
     Raises:
-        UsageError: when it is linked.
+        UsageError: when the wind needs moving but is linked.
     """
     first, last = blows_from_to(field)
     over = not field[LOOP] and last <= scene.frame_start
@@ -112,7 +112,7 @@ def begin_with_scene(scene: bpy.types.Scene, field: bpy.types.Object) -> str:
 
 
 def _tell(field: bpy.types.Object, name: str, value: float) -> None:
-    """Put a number into that input of all that a field object shows itself by."""
+    """Set the input `name` of the modifiers of a field object's values and of its children, such as arrows."""
     field.update_tag()
     for obj in (samples_of(field), *field.children):
         for modifier in obj.modifiers if obj is not None and obj.library is None else ():
@@ -121,7 +121,7 @@ def _tell(field: bpy.types.Object, name: str, value: float) -> None:
 
 
 def _poses(scene: bpy.types.Scene) -> np.ndarray | None:
-    """`camera_to_world` (T+1, 4, 4) of the camera that the clip was seen by, as the take has it; None where it stands still."""
+    """`camera_to_world` (T+1, 4, 4) of the clip's camera, from the take; None if the camera stands still."""
     settings = scene.seeing_wind
     camera = settings.camera_object
     if camera is None or not curves_of(camera):
@@ -133,7 +133,7 @@ def _poses(scene: bpy.types.Scene) -> np.ndarray | None:
 
 
 def _conform_clip(scene: bpy.types.Scene, stride: float, poses: np.ndarray | None) -> None:
-    """The clip behind the scene, what is cut out of it, and the camera it was seen by."""
+    """Retime the clip behind the scene, its mattes, and the clip's camera."""
     settings = scene.seeing_wind
     pace, clip = Pace(settings.frame_start, stride), clip_of(settings)
     if clip is not None:
@@ -148,7 +148,7 @@ def _conform_clip(scene: bpy.types.Scene, stride: float, poses: np.ndarray | Non
 
 
 def said_of_own_camera(scene: bpy.types.Scene) -> str:
-    """That the camera that is looked through keeps its own time; "" for the clip's, or one that stands still or follows the clip."""
+    """A message that the scene's active camera is not retimed; "" if it is the clip's camera or has no keyframes."""
     camera = scene.camera
     if camera is None or camera == scene.seeing_wind.camera_object or not curves_of(camera):
         return ""
@@ -156,7 +156,7 @@ def said_of_own_camera(scene: bpy.types.Scene) -> str:
 
 
 def _frames_of_preview(scene: bpy.types.Scene) -> int:
-    """How many of the clip's frames the preview of the edit has; 0 where there is none that is up to date."""
+    """Number of clip frames in the preview of the edit; 0 if there is no preview that is up to date."""
     settings = scene.seeing_wind
     if not settings.coarse_digest or settings.coarse_digest != digest_of_preview(scene, EditRequest.of(scene).digest()):
         return 0
@@ -164,7 +164,7 @@ def _frames_of_preview(scene: bpy.types.Scene) -> int:
 
 
 def _conform_own(scene: bpy.types.Scene, stride: float) -> None:
-    """The recovered object of a scene in step with its field, and the range as long, where the range is the clip's."""
+    """Retime the recovered object of a scene with its field; if the frame range follows the clip, also adapt its end."""
     settings = scene.seeing_wind
     start, field = settings.frame_start, settings.field_object
     obj = settings.recovered_object

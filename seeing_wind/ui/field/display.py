@@ -1,4 +1,4 @@
-"""Names and texts by which the field's objects are known and read. Without NumPy: panels are drawn before anything is made."""
+"""Names and texts of the field's objects. Without NumPy, as panels are drawn before any of them exists."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ CARRIED = "seeing_wind_carried"
 
 
 FORCE, WIND = "FORCE", "WIND"
-"""What solvers feel of a field object: a force per volume, or air that moves. Its custom property `KIND`."""
+"""Values of a field object's custom property `KIND`: solvers feel a force per volume, or moving air."""
 
 KIND, SPEEDS = "seeing_wind_kind", "seeing_wind_speeds"
-"""Custom properties of a field object: what solvers feel, and, only where it has a wind, its mean and its strongest gust [m/s]."""
+"""Custom properties of a field object: what solvers feel, and, only if it has a wind, the mean and the strongest gust [m/s]."""
 
 DRAG, LINEAR = "seeing_wind_drag", "seeing_wind_linear"
-"""Custom properties of a field with a wind, see `solvers.in_wind`. The pressure on a plate across it over the square of the speed [kg/m³];
-the speed [m/s] at which Blender's drag, which is linear, is right, and how far it is off in the mean."""
+"""Custom properties of a field with a wind, see `solvers.in_wind`. DRAG: pressure on a plate across the wind over the square of the speed
+[kg/m³]. LINEAR: the speed [m/s] at which Blender's linear drag is right, and its root mean square error relative to the real drag."""
 
 BLOWS = "seeing_wind_blows"
-"""Custom property of a field object: 1 where solvers feel a wind, else 0; for drivers."""
+"""Custom property of a field object, for drivers: 1 if solvers feel a wind, else 0."""
 
 NODES = "seeing_wind_nodes"
-"""Custom property of a field object: nodes of its lattice along x, y and z."""
+"""Custom property of a field object: the numbers of nodes of its lattice along x, y and z."""
 
 FELT = "seeing_wind_felt"
 """Custom property of a collection that was made so that solvers feel one kind of field, see `solvers.apart`."""
@@ -41,23 +41,23 @@ STRIDE = "seeing_wind_stride"
 
 
 SURE = "seeing_wind_sure"
-"""Custom property of the arrows: for each frame the greatest confidence of any, in 0..1."""
+"""Custom property of the arrows: for each frame, the greatest confidence of any arrow, in 0..1."""
 
 ARROWS = "seeing_wind_arrows"
-"""Custom property of a field object that was taken from the library: its arrows, which were made then; of these: True."""
+"""Custom property of a field object from the library: its arrows, which are made in the scene. On the arrows themselves: True."""
 
 WITH_FIELD = "seeing_wind_with_field"
-"""Custom property of the object with a field's values: True where it goes with the field, of a copy and of a wind out of the library."""
+"""Custom property of the object with a field's values: True if it is deleted with the field, as for a copy or a wind from the library."""
 
 SLOWS = "seeing_wind_slows"
-"""Custom property of the companion that slows what moves in a wind: the field object. See `solvers.in_wind`."""
+"""Custom property of the companion object that slows what moves in a wind: the field object. See `solvers.in_wind`."""
 
 LOOP = "seeing_wind_loop"
-"""Custom property of a field object: whether its first frame follows its last; the user's."""
+"""Custom property of a field object, set by the user: whether its first frame follows its last."""
 
 
 def said_of_unseen(arrows: Any, asked: float) -> str:
-    """Why arrows are drawn in few frames or none; "" where they are in most.
+    """Why arrows are drawn in few frames or none; "" if they are drawn in at least half of them.
 
     Args:
         asked: the confidence below which they are hidden.
@@ -76,18 +76,18 @@ def frames_per_second(scene: Any) -> float:
 
 
 def stride_of(field: Any) -> float:
-    """Scene frames that a clip frame of a field lasts."""
+    """The number of scene frames that a clip frame of a field lasts."""
     return field[STRIDE]
 
 
 def blows_from_to(field: Any) -> tuple[int, int]:
-    """Scene frames at which a field's first clip frame begins and its last one ends, the first round of one that loops."""
+    """Scene frames at which a field's first clip frame begins and its last one ends; of a field that loops, those of the first cycle."""
     first = int(field["seeing_wind_frame_start"])
     return first, first + math.ceil(stride_of(field) * field["seeing_wind_frames"] - 1e-6)
 
 
 def said_of_speed(field: Any, scene: Any) -> str:
-    """How much faster or slower than filmed a field goes by; "" at the right speed."""
+    """How much faster or slower than filmed a field plays; "" at the right speed."""
     speed = frames_per_second(scene) / (stride_of(field) * field["seeing_wind_fps"])
     if abs(speed - 1.0) < 1e-3:
         return ""
@@ -96,7 +96,7 @@ def said_of_speed(field: Any, scene: Any) -> str:
 
 
 def said_of_pace(stride: float) -> str:
-    """What becomes of a clip's frames where each lasts `stride` frames of the scene; "" where that is one."""
+    """How many clip frames are repeated or left out if each lasts `stride` scene frames; "" if that is one."""
     if abs(stride - 1.0) < 1e-3:
         return ""
     if stride > 1.0:
@@ -105,17 +105,17 @@ def said_of_pace(stride: float) -> str:
 
 
 def said_of_mirror(field: Any) -> str:
-    """What a negative scale does to a field, its own or a parent's; "" without one."""
+    """A warning if a field or a parent of it has a negative scale; else ""."""
     if field.matrix_world.determinant() >= 0.0:
         return ""
     return "Mirrored by a negative scale: solvers feel this wind against its arrows, in the opposite direction. Turn it instead"
 
 
 def said_of_override(field: Any) -> str:
-    """What a library override that is turned does not turn; "" for any other field."""
+    """A warning if a field is a rotated library override, whose wind does not turn with it; else ""."""
     linked = field.override_library.reference if field.override_library is not None else None
     texture = field.field.texture
-    if linked is None or texture is None or texture.library is None:  # one in this file turns with it
+    if linked is None or texture is None or texture.library is None:  # a texture in this file turns with the field
         return ""
     if linked.matrix_world.to_quaternion().rotation_difference(field.matrix_world.to_quaternion()).angle < 1e-3:
         return ""
@@ -123,27 +123,27 @@ def said_of_override(field: Any) -> str:
 
 
 def has_wind(field: Any) -> bool:
-    """Whether a field object carries the velocity of a wind beside its force."""
+    """Whether a field object carries the velocity of a wind as well as its force."""
     return field is not None and SPEEDS in field
 
 
 def is_wind(field: Any) -> bool:
-    """Whether solvers feel a field object as air that moves."""
+    """Whether solvers feel a field object as moving air."""
     return field is not None and field.get(KIND) == WIND
 
 
 def share(field: Any) -> float:
-    """Strength of a field object over the recovered one: the user's factor."""
+    """Strength of a field object divided by the recovered strength: the user's factor."""
     return field.field.strength / field.get("seeing_wind_strength", field.field.strength or 1.0)
 
 
 def in_beaufort(speed: float) -> str:
-    """A speed [m/s] with its number."""
+    """A speed [m/s] as text, with its Beaufort number."""
     return f"{in_figures(speed, 2)} m/s (Beaufort {beaufort(speed)})"
 
 
 def said_of_wind(field: Any) -> str:
-    """How strong a field's wind blows as its strength is set; "" for one without."""
+    """Mean and gust speeds of a field's wind at its present strength, as text; "" for a field without a wind."""
     if not has_wind(field):
         return ""
     mean, gust = (in_beaufort(abs(share(field)) * speed) for speed in field[SPEEDS])
@@ -151,7 +151,7 @@ def said_of_wind(field: Any) -> str:
 
 
 def said_of_fit(field: Any) -> str:
-    """How far Blender's solvers feel a field object off the recovered field, in the mean over its box; "" where it was not measured."""
+    """Mean difference between what Blender's solvers feel and the recovered field, over its box, as text; "" if not measured."""
     error = field.get("seeing_wind_error")
     if error is None:
         return ""
@@ -161,7 +161,7 @@ def said_of_fit(field: Any) -> str:
 
 
 def arrows_of(field: Any, scene: Any) -> Any:
-    """The arrows that show a field object in a scene; None where there are none."""
+    """The arrows that show a field object in a scene; None if there are none."""
     arrows = scene.seeing_wind.arrows_object
     if arrows is None or arrows.parent != field:
         arrows = field.get(ARROWS)
@@ -169,7 +169,7 @@ def arrows_of(field: Any, scene: Any) -> Any:
 
 
 def lacks_arrows(obj: Any) -> bool:
-    """Whether an object is a wind that came without its take and has no arrows yet: out of the library, or a copy of such a one."""
+    """Whether an object is a wind without its take that has no arrows yet: one from the library, or a copy of one."""
     if not is_field(obj) or not has_wind(obj) or obj.get("seeing_wind_take") or obj.library is not None or obj.override_library is not None:
         return False
     arrows = obj.get(ARROWS)
@@ -177,8 +177,8 @@ def lacks_arrows(obj: Any) -> bool:
 
 
 def has_lost_field(obj: Any, scene: Any) -> bool:
-    """Whether an object belongs to a field that has been deleted since: arrows of a wind out of the library, values of one or of a copy,
-    or what slows in a wind."""
+    """Whether an object belonged to a field that has been deleted: arrows or values of a wind from the library, values of a copy, or the
+    companion that slows what moves in a wind."""
     if obj.library is None and SLOWS in obj:
         return obj[SLOWS] is None or scene not in obj[SLOWS].users_scene
     if obj.library is not None or not (obj.get(ARROWS) is True or WITH_FIELD in obj):
@@ -187,27 +187,27 @@ def has_lost_field(obj: Any, scene: Any) -> bool:
 
 
 def is_field(obj: Any) -> bool:
-    """Whether an object is a recovered field: of this scene's own Recover, appended, or linked."""
+    """Whether an object is a recovered field: from this scene's own Recover, appended, or linked."""
     return obj is not None and "seeing_wind_density" in obj and obj.field is not None and obj.field.type == "TEXTURE"
 
 
 def home_of(field: Any, scene: Any) -> Any:
-    """The collection in which what belongs to a field object has its place: of this file, and none that only says who feels it."""
+    """The collection for objects that belong to a field object: a local one of the field's that does not merely select effectors."""
     return next((each for each in field.users_collection if each.library is None and FELT not in each), scene.collection)
 
 
 def field_at_hand(context: Any) -> Any:
-    """The field that a selection means, else the scene's own; None when there is none."""
-    # a script that a Blender with a window starts with has no window yet, and its context no selection
+    """The field among the active and selected objects, else the scene's own; None if there is none."""
+    # while Blender runs a startup script there is no window yet, and the context has no selection
     selected = (getattr(context, "active_object", None), *getattr(context, "selected_objects", ()))
     candidates = (*selected, context.scene.seeing_wind.field_object)
     return next((obj for obj in candidates if is_field(obj)), None)
 
 
 def out_of_time(scene: Any) -> list[Any]:
-    """Calibrations that were made for a field that was felt otherwise, or rigid bodies' for another frame rate than the scene has now.
+    """Outdated calibrations: those made when the field was of the other kind, and those of rigid bodies made at another frame rate.
 
-    The other solvers count a field per frame, and a clip frame is a frame whatever the rate.
+    Other solvers apply a field per frame, so that their calibration does not depend on the frame rate.
     """
     fps = frames_per_second(scene)
     listed = (each for each in scene.seeing_wind.calibrations if each.object is not None and each.field is not None)
@@ -218,5 +218,5 @@ def out_of_time(scene: Any) -> list[Any]:
 
 
 def openvdb_available() -> bool:
-    """Whether there is an OpenVDB for Python: in Blender's own builds, not in the `bpy` wheels."""
+    """Whether OpenVDB's Python module exists: it does in Blender's own builds, not in the `bpy` wheels."""
     return importlib.util.find_spec("openvdb") is not None

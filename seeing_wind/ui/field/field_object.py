@@ -1,14 +1,14 @@
 """The recovered force field as one native Blender force field object.
 
-Its force field is of the type *Texture*: a texture that holds the whole lattice of all frames, see `texture`. So a solver finds the
-force at a place by one look-up, however many nodes the lattice has. A field with a wind carries its velocity instead and pushes faces
-(*Wind Factor*), unless solvers are to feel the force; what moves in it is slowed by a companion, see `solvers.in_wind`.
+The force field is of type *Texture*: its texture holds the whole lattice for all frames, see `texture`, so that a solver finds the force
+at a point by one look-up, however many nodes the lattice has. For a field with a wind, the texture holds the velocity instead and pushes
+faces (*Wind Factor*), unless solvers are to feel the force; a companion object slows what moves in it, see `solvers.in_wind`.
 
 The texture follows the current frame and the object's rotation without handlers or keyframes, and is saved with the file. The object's mesh
 is its box.
 
-What a native solver feels of it depends on the solver; `solvers` sets each object's weights so that matter of density rho accelerates by
-f / rho. The field's own values are kept in a hidden child (`samples`): for Geometry Nodes, for exports, and to make the texture again.
+Each native solver applies the field in its own way; `solvers` sets each object's weights so that matter of density rho accelerates by
+f / rho. The field's own values are kept in a hidden child (`samples`): for Geometry Nodes, for exports, and for making the texture anew.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ from .texture.reach import FADE, reach_of
 from .texture.tree import make_texture, remove_texture
 
 SOLVER_DELAY = 1
-"""Blender's solvers step *to* a frame with the effectors as they are *at* that frame, and the recovered force is held from clip frame t to
-clip frame t + 1: so the force of interval t must stand at the scene frame of clip frame t + 1."""
+"""Blender's solvers step *to* a frame with the effectors as they are *at* that frame, and the recovered force is constant from clip frame t
+to t + 1: so the force of interval t must be present at the scene frame of clip frame t + 1."""
 
 FRAMES, AGAIN = "Frames", "Turned"
-"""In the name of the modifier that lets solvers wait for the texture."""
+"""Parts of the names of the modifiers that make solvers wait for the texture: of a field, and of a turned library override."""
 
 
 def create_field_object(
@@ -63,17 +63,17 @@ def create_field_object(
         fps: frames per second of the clip; one scene frame is one clip frame.
         density: of the recovered material [kg/m³], the default of a calibration.
         frame_start: scene frame of clip frame 0.
-        reach: what becomes of it away from the filmed object and beside the box, see `texture.reach`.
+        reach: how the field behaves away from the filmed object and outside the box, see `texture.reach`.
         take: folder of the take, kept on the object.
-        kind: WIND lets solvers feel the wind of a field that has one, FORCE the force.
-        speeds: of that wind, its mean and its strongest gust [m/s].
-        drag: pressure on a plate across it over the square of the speed [kg/m³].
-        loops: its first frame follows its last, else the last one stays.
+        kind: WIND makes solvers feel the wind of a field that has one, FORCE the force.
+        speeds: mean and strongest gust of that wind [m/s].
+        drag: pressure on a plate across the wind over the square of the speed [kg/m³].
+        loops: whether the first frame follows the last; otherwise the last one persists.
         collection: where to link it, by default the scene's own collection.
 
     Returns:
-        The object, its origin in the middle of the box. Move and turn it freely; a change of scale is locked, as it would change the
-        field's size and not its strength.
+        The object, with its origin in the middle of the box. It can be moved and turned freely; its scale is locked, as scaling would
+        change the field's size but not its strength.
 
     Raises:
         UsageError: when a number is out of range.
@@ -90,7 +90,7 @@ def create_field_object(
     obj.lock_scale = (True, True, True)
     obj.display_type = "WIRE"
     (collection or scene.collection).objects.link(obj)
-    # an object has no field settings until this operator gave it some
+    # an object has no field settings until this operator creates them
     with bpy.context.temp_override(scene=scene, view_layer=scene.view_layers[0], object=obj, active_object=obj):
         bpy.ops.object.forcefield_toggle()
     _set_field(obj.field)
@@ -109,9 +109,9 @@ def create_field_object(
 
 
 def make_again(field: bpy.types.Object, reach: str, kind: str = FORCE) -> None:
-    """Make the texture of a field object anew from the values that it carries: it needs neither the take nor the engine.
+    """Make the texture of a field object anew from the values that it carries; neither the take nor the engine is needed.
 
-    Its place, the user's strength relative to the recovered one, and all that points at it stay.
+    The object's place, the user's factor on the strength, and all references to the object are kept.
 
     Raises:
         UsageError: when its values are gone, or it is linked from another file.
@@ -132,9 +132,9 @@ def make_again(field: bpy.types.Object, reach: str, kind: str = FORCE) -> None:
 
 
 def turn_override(field: bpy.types.Object) -> None:
-    """Give a library override of a field a texture in this file, which turns with it; that of the library turns with the linked original.
+    """Give a library override of a field its own texture in this file, which turns with it; the linked one turns with the original.
 
-    Its values stay in the library, its place and strength are the override's own.
+    The values stay in the library; place and strength are the override's own.
 
     Raises:
         UsageError: when it is no library override, or its values are gone.
@@ -161,13 +161,13 @@ def turn_override(field: bpy.types.Object) -> None:
 
 
 def linear_drag(velocity: np.ndarray) -> tuple[float, float]:
-    """Where a drag that is linear in the speed comes nearest to the real one, which is quadratic, on a body that stands still.
+    """The linear drag that best fits the real, quadratic drag (least squares) on a body at rest.
 
     Args:
         velocity: of the air (T, L, 3) [m/s].
 
     Returns:
-        The speed at which both are the same [m/s], and the root mean square of the difference over that of the real drag.
+        The speed at which both drags agree [m/s], and the root mean square of their difference, relative to that of the real drag.
     """
     speed = np.linalg.norm(velocity, axis=-1)
     if not (speed > 0.0).any():
@@ -177,7 +177,7 @@ def linear_drag(velocity: np.ndarray) -> tuple[float, float]:
 
 
 def _box(name: str, box: np.ndarray) -> bpy.types.Mesh:
-    """The edges of a box (2, 3)."""
+    """A mesh of the edges of a box (2, 3)."""
     corners = [(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)]
     edges = [(a, b) for a in range(8) for b in range(a) if sum(u != v for u, v in zip(corners[a], corners[b], strict=True)) == 1]
     mesh = bpy.data.meshes.new(name)
@@ -186,7 +186,7 @@ def _box(name: str, box: np.ndarray) -> bpy.types.Mesh:
 
 
 def _blow(obj: bpy.types.Object, sampled: SampledField, reach: str, kind: str) -> None:
-    """Texture and strength of a field, and what the panel says of it."""
+    """Set the texture and strength of a field, and the properties that the panel displays."""
     kind = kind if has_wind(obj) else FORCE
     end = reach_of(reach, sampled.box)
     felt, field, former = sampled.felt_as(kind, end), obj.field, obj.field.texture
@@ -205,10 +205,10 @@ def _blow(obj: bpy.types.Object, sampled: SampledField, reach: str, kind: str) -
 
 
 def _wait(obj: bpy.types.Object, followers: Followers) -> None:
-    """The modifier that leaves one vertex, at which the force field stands, and shows the box.
+    """Add the modifier that reduces the mesh to one vertex, at which the force field acts, and curves that show the box.
 
-    Blender lets solvers wait for the geometry of a field that stands at points, not for textures that its texture shows. So the vertex
-    depends on these, and stays where it is.
+    Blender makes solvers wait for the geometry of a field of shape *Points*, but not for the textures its texture depends on. So the
+    vertex depends on these, without moving.
     """
     group = GroupBuilder(f"{obj.name} {FRAMES}")
     place = group.node("ShaderNodeCombineXYZ", {"X": _zero(group, followers)}).outputs[0]
@@ -221,7 +221,7 @@ def _wait(obj: bpy.types.Object, followers: Followers) -> None:
 
 
 def _zero(group: GroupBuilder, followers: Followers) -> Any:
-    """Output of a node: 0, known only once the followers are."""
+    """Output socket of a node whose value is 0, evaluated only after the followers."""
     still = group.tree.nodes.new("ShaderNodeValue")
     driver = still.outputs[0].driver_add("default_value").driver
     for name, texture in zip("abcde", followers.all, strict=True):

@@ -1,4 +1,4 @@
-"""A field on a regular lattice, as the engine gave it: what solvers, Geometry Nodes and exports read. NumPy only."""
+"""A field on a regular lattice, as sampled by the engine: what solvers, Geometry Nodes and exports read. NumPy only."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from .display import FORCE, WIND
 from .texture.reach import FADE, Reach, left_near, reach_of
 
 CELLS = 24
-"""Cells along a box's longest side at which the engine is asked. On a recovered field with waves shorter than the body, linear
-interpolation was 0.4 degrees and 0.8 % off the engine's own values in the mean."""
+"""Cells along a box's longest side at which the engine samples the field. For a recovered field with waves shorter than the body, linear
+interpolation was off the engine's own values by 0.4 degrees and 0.8 % in the mean."""
 
 GROUP = 4
 """Numbers of cells are multiples of this, so that a lattice can be thinned twice."""
 
 CLEAR = 0.05
-"""Forces under this share of their frame's root mean square have no direction worth comparing."""
+"""Forces below this share of their frame's root mean square are left out of comparisons, as their direction means little."""
 
 ENOUGH = (0.25, 0.005)
-"""Mean angle [degrees] and relative error of the size up to which a coarser lattice says the same; the latter for what a fade leaves."""
+"""Mean angle [degrees] and relative error of the size up to which a coarser lattice is good enough; the latter also for a fade's share."""
 
 
 def lattice(box: np.ndarray, resolution: int = 6) -> np.ndarray:
@@ -29,7 +29,7 @@ def lattice(box: np.ndarray, resolution: int = 6) -> np.ndarray:
 
     Args:
         box: (2, 3) lower and upper corner [m].
-        resolution: nodes along the longest side; the others get as many as keep the spacing alike, at least 3.
+        resolution: nodes along the longest side; the others get as many as give a similar spacing, at least 3.
 
     Returns:
         (M, 3) nodes [m], z fastest.
@@ -39,7 +39,7 @@ def lattice(box: np.ndarray, resolution: int = 6) -> np.ndarray:
 
 
 def fine_lattice(box: np.ndarray, cells: int = CELLS) -> np.ndarray:
-    """Nodes (L, 3) [m] at which the engine is asked for the field of a box (2, 3): so many cells along the longest side, z fastest."""
+    """Nodes (L, 3) [m], z fastest, at which the engine samples the field of a box (2, 3), with about `cells` along the longest side."""
     side = _sides(box)
     return _filled(box, GROUP * np.maximum(np.round(cells / GROUP * side / side.max()).astype(int), 1) + 1)
 
@@ -48,7 +48,7 @@ def lattice_counts(nodes: np.ndarray) -> tuple[int, int, int]:
     """Nodes along x, y, z of a full lattice (M, 3), z fastest.
 
     Raises:
-        ValueError: when the nodes are no such lattice.
+        ValueError: when the nodes do not form such a lattice.
     """
     size = max(1e-9, float(np.ptp(nodes, axis=0).max()))
     axes = [np.unique(np.round(nodes[:, k] / size, 5)) for k in range(3)]
@@ -60,7 +60,7 @@ def lattice_counts(nodes: np.ndarray) -> tuple[int, int, int]:
 
 
 def differences(found: np.ndarray, truth: np.ndarray) -> tuple[float, float]:
-    """Mean angle [degrees] and mean relative difference of the size between vectors (T, P, 3), weak ones (`CLEAR`) left out."""
+    """Mean angle [degrees] and mean relative difference of the size between vectors (T, P, 3), without weak ones (`CLEAR`)."""
     size_found, size_truth = np.linalg.norm(found, axis=-1), np.linalg.norm(truth, axis=-1)
     clear = size_truth > CLEAR * np.sqrt((size_truth**2).mean(axis=-1, keepdims=True))
     if not clear.any():
@@ -72,18 +72,18 @@ def differences(found: np.ndarray, truth: np.ndarray) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class SampledField:
-    """A force density on a lattice, held from each frame to the next."""
+    """A force density on a lattice, constant from each frame to the next."""
 
     points: np.ndarray
-    """(L, 3) the lattice's nodes, z fastest, any unit of length."""
+    """(L, 3) nodes of the lattice, z fastest, in any unit of length."""
     force: np.ndarray
-    """(T, L, 3) any unit."""
+    """(T, L, 3) in any unit."""
     confidence: np.ndarray
     """(T, L) in 0..1."""
     velocity: np.ndarray | None = None
-    """(T, L, 3) of the wind that makes the force, any unit; None where the field is a force only."""
+    """(T, L, 3) velocity of the wind that causes the force, in any unit; None if the field is a force only."""
     distance: np.ndarray | None = None
-    """(T, L) from the filmed object, in the unit of the nodes; None where the field is known everywhere."""
+    """(T, L) distance from the filmed object, in the unit of the nodes; None if the field is known everywhere."""
 
     def __post_init__(self) -> None:
         """Refuse arrays that do not agree. Raises UsageError."""
@@ -115,7 +115,7 @@ class SampledField:
         return np.stack([self.points.min(axis=0), self.points.max(axis=0)])
 
     def felt_as(self, kind: str, reach: Reach | None = None) -> SampledField:
-        """The field that solvers are to feel: its velocity in place of the force where `kind` is WIND; with a reach, what that leaves."""
+        """The field that solvers are to feel: the velocity in place of the force if `kind` is WIND; weakened by `reach`, if given."""
         felt = self.velocity if kind == WIND else self.force
         if reach is not None:
             felt = felt * self.left(reach)[..., None]
@@ -126,7 +126,7 @@ class SampledField:
         return left_near(reach, np.zeros(self.force.shape[:2]) if self.distance is None else self.distance)
 
     def some(self, keep: np.ndarray) -> SampledField:
-        """The field at some of its nodes, which fill a lattice, too."""
+        """The field at the nodes `keep` (indices), which must fill a lattice, too."""
         wind, distance = self.velocity, self.distance
         return SampledField(
             self.points[keep], self.force[:, keep], self.confidence[:, keep], None if wind is None else wind[:, keep],
@@ -134,16 +134,16 @@ class SampledField:
         )  # fmt: skip
 
     def distance_at(self, places: np.ndarray) -> np.ndarray:
-        """The distance (T, P) at places (P, 3), as of `at`; of a field that has it."""
+        """The distance (T, P) at places (P, 3), interpolated as in `at`; only for a field that has a distance."""
         return SampledField(self.points, np.repeat(self.distance[..., None], 3, axis=-1), self.confidence).at(places)[..., 0]
 
     def at(self, places: np.ndarray) -> np.ndarray:
-        """The force (T, P, 3) at places (P, 3), linear between the nodes; beside the box that of its nearest place."""
+        """The force (T, P, 3) at places (P, 3), linear between the nodes; outside the box, that of the nearest place in it."""
         counts, (low, high) = np.array(self.counts), self.box
         where = np.clip((places - low) / (high - low), 0.0, 1.0) * (counts - 1)
         corner = np.minimum(where.astype(int), counts - 2)
         t = where - corner
-        # All frames of a node side by side, to be copied at once.
+        # all frames of a node side by side, to be copied at once
         nodes = np.ascontiguousarray(self.force.swapaxes(0, 1), dtype=np.float64).reshape(len(self.points), -1)
         found = np.zeros((len(places), nodes.shape[1]))
         for offset in np.ndindex(2, 2, 2):
@@ -154,7 +154,7 @@ class SampledField:
         return found.reshape(len(places), -1, 3).swapaxes(0, 1)
 
     def thinned(self) -> SampledField:
-        """The coarsest lattice, each second node of the one before, that says the same (`ENOUGH`): most fields need far fewer nodes."""
+        """The coarsest lattice, halved repeatedly, that reproduces the field (`ENOUGH`): most fields need far fewer nodes."""
         counts = self.counts
         if any(count % 2 == 0 or count < 5 for count in counts):
             return self
@@ -168,10 +168,10 @@ class SampledField:
         return coarse.thinned() if np.abs(left - self.left(fade)).mean() < ENOUGH[1] else self
 
     def error_between_nodes(self) -> tuple[float, float]:
-        """How far linear interpolation is off the field: mean angle [degrees] and mean relative error of the size, estimated.
+        """Estimated error of linear interpolation: mean angle [degrees] and mean relative error of the size.
 
-        Each second node is left out, and what the others say there is compared with its value. At twice the spacing that error is four
-        times as large; over all nodes its mean is then three times that over the whole box at the own spacing.
+        Every second node along each axis is left out, and its value is compared with the interpolation from the others. At twice the
+        spacing the error is four times as large; its mean over all nodes is then three times that over the box at the actual spacing.
         """
         keep = np.arange(len(self.points)).reshape(self.counts)[tuple(slice(None, None, 2 if count % 2 else 1) for count in self.counts)]
         angle, size = differences(self.some(keep.ravel()).at(self.points), self.force)

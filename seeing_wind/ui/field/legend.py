@@ -13,26 +13,26 @@ from .node_groups import GroupBuilder, set_up_modifier
 
 CELLS = 48
 WIDTH = 0.06
-"""Of the bar, relative to its height."""
+"""Width of the bar, relative to its height."""
 SIZE, LETTER = 0.15, 0.52
-"""Of the figures, relative to the bar; and the mean width of a letter, relative to its size."""
+"""Size of the figures, relative to the height of the bar; and the mean width of a letter, relative to its size."""
 DARK, LIGHT = 0.01, 1.0
-"""The plate and the figures on it."""
+"""Grey levels of the plate and of the figures on it."""
 
 
 def create_legend(
     name: str, peak: float, units: str, corner: np.ndarray, height: float, collection: bpy.types.Collection,
     parent: bpy.types.Object,
 ) -> bpy.types.Object:
-    """A bar that stands upright and is read from the front.
+    """Make an upright bar that is read from the front.
 
     Args:
-        peak, units: strength at its upper end.
-        corner: (3,) its lower right corner in the world [scene units].
-        height: [scene units].
-        parent: the field object, which it follows.
+        peak, units: strength at its upper end, and the unit.
+        corner: (3,) lower right corner of the bar in the world [scene units].
+        height: of the bar [scene units].
+        parent: the field object, which the legend follows.
     """
-    # its own place is its parent's: Blender draws a dashed line between the two
+    # its origin is its parent's, as Blender draws a dashed line between the two
     place = np.array(parent.matrix_basis.translation)
     aside = corner - place
     rows = np.linspace(0.0, 1.0, CELLS + 1)
@@ -54,7 +54,7 @@ def create_legend(
     obj.parent, obj.matrix_parent_inverse = parent, parent.matrix_basis.inverted()
     group = GroupBuilder(name)
     written = {f"{in_figures(peak)} {units}": height, in_figures(0.5 * peak): 0.5 * height, "0": 0.0}
-    # behind the bar and its figures stands a dark plate, so that they can be read on any footage
+    # a dark plate behind the bar and its figures makes them readable on any footage
     wide = 0.2 * height + LETTER * SIZE * height * max(len(text) for text in written)
     size = {"Size X": wide, "Size Y": 1.25 * height, "Vertices X": 2, "Vertices Y": 2}
     plate = group.node("GeometryNodeMeshGrid", size).outputs["Mesh"]
@@ -64,7 +64,7 @@ def create_legend(
         filled = group.node("GeometryNodeFillCurve", {0: group.node("GeometryNodeRealizeInstances", {0: letters.outputs[0]}).outputs[0]})
         parts.append(_placed(group, filled.outputs[0], aside + [0.03 * height, 0.0, at - 0.3 * SIZE * height], LIGHT))
     join = group.node("GeometryNodeJoinGeometry")
-    # the bar last, which puts it in front: its active colours then count for Solid view
+    # the bar is linked last and so comes first: Solid view then uses its active colour attribute
     for part in (*parts, group.input.outputs["Geometry"]):
         group.tree.links.new(part, join.inputs[0])
     set_up_modifier(obj, group.finish(join.outputs[0]))
@@ -72,7 +72,7 @@ def create_legend(
 
 
 def _placed(group: GroupBuilder, geometry: Any, at: np.ndarray, colour: float) -> Any:
-    """Geometry of the XY plane, upright, in one shade of grey whatever Solid view takes its colors from."""
+    """Geometry of the XY plane, turned upright, in one shade of grey whatever Solid view takes its colours from."""
     upright = {"Geometry": geometry, "Translation": at.tolist(), "Rotation": (np.pi / 2, 0.0, 0.0)}
     turned = group.node("GeometryNodeTransform", upright).outputs[0]
     painted = group.node("GeometryNodeSetMaterial", {"Geometry": turned, "Material": _material(colour)}).outputs[0]
@@ -83,7 +83,7 @@ def _placed(group: GroupBuilder, geometry: Any, at: np.ndarray, colour: float) -
 
 
 def _material(colour: float) -> bpy.types.Material:
-    """A shade of grey that glows, made once per file."""
+    """A material that emits a shade of grey, created once per file."""
     name = f"Seeing Wind Legend {colour:g}"
     material = bpy.data.materials.get(name)
     if material is None:

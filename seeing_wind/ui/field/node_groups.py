@@ -1,7 +1,7 @@
-"""Building Geometry Nodes groups in few words, and the part that the field object and its arrows share: frames kept in one mesh.
+"""Concise building of Geometry Nodes groups, and the nodes that field values and arrows share: selecting a frame from a mesh of all.
 
-All frames of an animated point set lie in one mesh, frame after frame; the modifier keeps the points of the current frame. So an
-object carries its whole animation in itself: no handlers, no keyframes, no second object, nothing to lose in a save or an append.
+All frames of an animated point set lie in one mesh, frame after frame; the modifier keeps the points of the current frame. The object thus
+holds its whole animation, without handlers, keyframes or a second object, and nothing is lost when it is saved or appended.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from .display import LOOP
 
 
 class GroupBuilder:
-    """A new geometry node group. `node` adds a node and links its inputs. A modifier's group has a geometry input and output."""
+    """Builder of a new geometry node group. `node` adds a node and links its inputs. A modifier's group has a geometry input and output."""
 
     def __init__(self, name: str, modifier: bool = True) -> None:
         self.tree = bpy.data.node_groups.new(name, "GeometryNodeTree")
@@ -26,9 +26,9 @@ class GroupBuilder:
         self.output = self.tree.nodes.new("NodeGroupOutput")
 
     def parameter(self, name: str, kind: str, default: Any, description: str, minimum: float | None = None, unit: str = "NONE") -> Any:
-        """A setting shown in the modifier; returns its socket. `kind` is Float, Int, Bool, Vector or Object; None keeps its own default.
+        """Add a setting shown in the modifier; returns its socket.
 
-        `unit` is the socket's subtype, such as DISTANCE.
+        `kind` is Float, Int, Bool, Vector or Object; a `default` of None keeps Blender's; `unit` is the socket's subtype, such as DISTANCE.
         """
         socket = self.tree.interface.new_socket(name, in_out="INPUT", socket_type=f"NodeSocket{kind}")
         socket.description = description
@@ -41,12 +41,12 @@ class GroupBuilder:
         return self.input.outputs[name]
 
     def result(self, name: str, kind: str, value: Any, description: str) -> None:
-        """An output of a group that is no modifier."""
+        """Add an output to a group that is not a modifier's."""
         self.tree.interface.new_socket(name, in_out="OUTPUT", socket_type=f"NodeSocket{kind}").description = description
         self.tree.links.new(value, self.output.inputs[name])
 
     def node(self, kind: str, inputs: dict[int | str, Any] | None = None, **properties: Any) -> Any:
-        """A node of type `kind` with its properties; `inputs` maps sockets to a value or to the output socket to link."""
+        """Add a node of type `kind` with its properties; `inputs` maps each socket to a value or to the output socket to link."""
         node = self.tree.nodes.new(kind)
         for key, value in properties.items():
             setattr(node, key, value)
@@ -62,7 +62,7 @@ class GroupBuilder:
         return self.node("ShaderNodeMath", dict(enumerate(values)), operation=operation).outputs[0]
 
     def vector(self, operation: str, *values: Any) -> Any:
-        """Output socket of a vector math node; its number for DOT_PRODUCT, LENGTH and DISTANCE."""
+        """Output socket of a vector math node; for DOT_PRODUCT, LENGTH and DISTANCE, its scalar output."""
         node = self.node("ShaderNodeVectorMath", dict(enumerate(values)), operation=operation)
         return node.outputs["Value" if operation in ("DOT_PRODUCT", "LENGTH", "DISTANCE") else "Vector"]
 
@@ -71,13 +71,13 @@ class GroupBuilder:
         return self.node("ShaderNodeVectorMath", {0: vector, "Scale": factor}, operation="SCALE").outputs["Vector"]
 
     def split(self, vector: Any) -> list[Any]:
-        """Output sockets of the components."""
+        """Output sockets of a vector's components x, y, z."""
         return list(self.node("ShaderNodeSeparateXYZ", {0: vector}).outputs)
 
     def driven(self, name: str, obj: bpy.types.Object, paths: dict[str, str], expression: str, start: float) -> Any:
-        """Output socket of a number that follows properties of an object; `expression` calls them by the keys of `paths`.
+        """Output socket of a number driven by properties of an object; `expression` refers to them by the keys of `paths`.
 
-        Only arithmetic may stand in the expression: then Blender needs no leave to run scripts.
+        The expression must be plain arithmetic, which Blender evaluates without permission to run scripts.
         """
         node = self.node("ShaderNodeValue", name=name, label=name)
         node.outputs[0].default_value = start
@@ -98,12 +98,12 @@ class GroupBuilder:
         return self.node("GeometryNodeInputNamedAttribute", {"Name": name}, data_type=kind).outputs["Attribute"]
 
     def finish(self, geometry: Any = None) -> bpy.types.NodeTree:
-        """Link the resulting geometry, if it is a modifier's; lay the nodes out from left to right, and return the group."""
+        """Link the resulting geometry, if given; lay the nodes out from left to right, and return the group."""
         if geometry is not None:
             self.tree.links.new(geometry, self.output.inputs[0])
         count = len(self.tree.nodes)
         columns = [0, count - 1, *range(1, count - 1)]  # input and output were made first
-        # all at once: Blender looks the whole group through after every single one
+        # all at once, as Blender updates the whole group after every single change
         self.tree.nodes.foreach_set("location", [value for n in columns for value in (180.0 * (n // 2), -220.0 * (n % 2))])
         return self.tree
 
@@ -118,25 +118,25 @@ def points_of_current_frame(
     """The part of the input mesh that belongs to the current frame, as a geometry socket.
 
     Args:
-        points: points of one frame.
-        frames: how many frames the mesh holds; before the first and after the last these two stay, unless the field goes round.
-        frame_start: scene frame of the first.
-        delay: 1 for what solvers feel: they step *to* a frame, so there stands what acts in the middle of the step before; else 0.
-        field: the field object that says whether it goes round; None: it does not.
+        points: number of points of one frame.
+        frames: number of frames in the mesh. Before the first and after the last frame, that frame is shown, unless the field loops.
+        frame_start: scene frame of the first one.
+        delay: 1 for what solvers feel: they step *to* a frame, so it shows what acts in the middle of the step to it; else 0.
+        field: the field object whose property says whether it loops; None: it does not.
     """
     first = group.parameter(FIRST_FRAME, "Int", frame_start, "Scene frame of the clip's first frame")
     now = group.node("GeometryNodeInputSceneTime").outputs["Frame"]
     lasts = group.parameter(FRAMES_PER_CLIP_FRAME, "Float", 1.0, "Scene frames that a clip frame lasts", minimum=1e-3)
     if delay:
         now = group.math("SUBTRACT", group.math("CEIL", now), 0.5 * delay)
-    # a ten-thousandth of a frame keeps rounding from falling back to the one before
+    # a ten-thousandth of a frame prevents rounding to the frame before
     frame = group.math("FLOOR", group.math("ADD", group.math("DIVIDE", group.math("SUBTRACT", now, first), lasts), 1e-4))
     if field is not None:
         rounds = group.math("FLOOR", group.math("DIVIDE", group.math("ADD", frame, 0.5), float(frames)))
         loops = group.driven("Loop", field, {"loops": f'["{LOOP}"]'}, "loops", 0.0)
         frame = group.math("SUBTRACT", frame, group.math("MULTIPLY", group.math("MULTIPLY", rounds, float(frames)), loops))
     frame = group.math("MINIMUM", group.math("MAXIMUM", frame, 0.0), float(frames - 1))
-    # half a point keeps the division away from whole numbers, where rounding could go either way
+    # half a point keeps the quotient away from whole numbers, where rounding could go either way
     index = group.math("ADD", group.node("GeometryNodeInputIndex").outputs[0], 0.5)
     owner = group.math("FLOOR", group.math("DIVIDE", index, float(points)))
     same = group.math("COMPARE", owner, frame, 0.5)
@@ -146,12 +146,12 @@ def points_of_current_frame(
 
 
 def set_up_modifier(obj: bpy.types.Object, tree: bpy.types.NodeTree) -> None:
-    """Put a group on an object as its modifier."""
+    """Add a modifier with a node group to an object."""
     obj.modifiers.new(tree.name, "NODES").node_group = tree
 
 
 def modifier_input(modifier: bpy.types.Modifier, name: str) -> tuple[Any, str] | None:
-    """Where a Geometry Nodes modifier keeps the value of an input: owner and path of the property, as `layout.prop` takes them.
+    """Where a Geometry Nodes modifier stores the value of an input: owner and path of the property, as `layout.prop` takes them.
 
     Up to Blender 5.1 that is a custom property of the modifier, from 5.2 a property of its own. None when there is no such input.
     """
@@ -160,14 +160,14 @@ def modifier_input(modifier: bpy.types.Modifier, name: str) -> tuple[Any, str] |
     found = [item.identifier for item in items if item.item_type == "SOCKET" and item.in_out == "INPUT" and item.name == name]
     if not found:
         return None
-    # of inputs of one name (a switch and its value) the last one is meant
+    # of several inputs with the same name (a switch and its value), the last one is meant
     if hasattr(modifier, "properties"):
         return getattr(modifier.properties.inputs, found[-1]), "value"
     return modifier, f'["{found[-1]}"]'
 
 
 def get_input(modifier: bpy.types.Modifier, name: str) -> Any:
-    """The value of a Geometry Nodes modifier's input; None when there is no such input, or it is empty."""
+    """The value of a Geometry Nodes modifier's input; None if there is no such input, or it is empty."""
     place = modifier_input(modifier, name)
     if place is None:
         return None
@@ -176,7 +176,7 @@ def get_input(modifier: bpy.types.Modifier, name: str) -> Any:
 
 
 def set_input(modifier: bpy.types.Modifier, name: str, value: Any) -> None:
-    """Change a Geometry Nodes modifier's input; KeyError when there is none."""
+    """Set a Geometry Nodes modifier's input. Raises KeyError when there is no such input."""
     place = modifier_input(modifier, name)
     if place is None:
         raise KeyError(name)

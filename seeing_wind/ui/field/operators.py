@@ -29,14 +29,14 @@ FORMATS = [
     *ONE_FILE,
 ]
 DEFAULT = "VDB" if openvdb_available() else "NPZ"
-"""What this build of Blender can write without more ado."""
+"""A format that this build of Blender can write as it is."""
 
 
 def chosen_field(context: bpy.types.Context, name: str) -> bpy.types.Object:
-    """The field that is meant: the named one, else a selected one, else the scene's own, else the only one in the scene.
+    """The field to act on: the named one, else a selected one, else the scene's own, else the only one in the scene.
 
     Raises:
-        UsageError: when there is none, or which of several is not said.
+        UsageError: when there is none, or there are several and none is chosen.
     """
     if name:
         found = context.scene.objects.get(name)
@@ -55,7 +55,7 @@ def chosen_field(context: bpy.types.Context, name: str) -> bpy.types.Object:
 
 
 def matter_of(given: Any) -> dict[str, Any]:
-    """What a calibration's options say, those of the operator or of a former time, as `calibrate_object` takes it."""
+    """Keyword arguments of `calibrate_object` from calibration options: those of the operator, or stored ones."""
     return {
         "density": given.density or None, "alone": given.alone, "set_mass": given.set_mass, "areal_density": given.areal_density or 0.12,
     }  # fmt: skip
@@ -70,7 +70,7 @@ class SEEING_WIND_OT_apply_to_field(DirectOperator, bpy.types.Operator):
     field: StringProperty(name="Field", options={"SKIP_SAVE"}, description="Name of the field; empty: the selected or the scene's own")
 
     def act(self, context):
-        """Needs neither the take nor the engine."""
+        """Make the texture anew; needs neither the take nor the engine."""
         from .field_object import make_again  # needs NumPy
         from .solvers.apart import keep_apart
 
@@ -89,7 +89,7 @@ class SEEING_WIND_OT_turn_override(DirectOperator, bpy.types.Operator):
     field: StringProperty(name="Field", options={"SKIP_SAVE"}, description="Name of the field; empty: the selected or the scene's own")
 
     def act(self, context):
-        """Its values stay in the library."""
+        """Give the override its own texture; its values stay in the library."""
         from .field_object import turn_override  # needs NumPy
 
         field = chosen_field(context, self.field)
@@ -125,13 +125,13 @@ class SEEING_WIND_OT_calibrate(DirectOperator, bpy.types.Operator):
     )  # fmt: skip
 
     def act(self, context):
-        """Every solver of the object; what one cannot do is part of the answer."""
+        """Calibrate every solver of the object; the message says what a solver cannot do."""
         from .solvers.apart import keep_apart
 
         mend(context.scene)
         field = chosen_field(context, self.field)
         said = self._all(context.scene, field) if self.every else self._chosen(context, field)
-        keep_apart(context.scene)  # others that were calibrated may have had no other kind of field beside theirs
+        keep_apart(context.scene)  # objects calibrated earlier may not have been separated from a field of the other kind yet
         return said
 
     def _chosen(self, context, field):
@@ -149,14 +149,14 @@ class SEEING_WIND_OT_calibrate(DirectOperator, bpy.types.Operator):
         kept = scene.seeing_wind.calibrations
         number = next((number for number, each in enumerate(kept) if each.object == obj), None)
         kept.add() if number is None else kept.move(number, len(kept) - 1)
-        entry = kept[-1]  # the last: the weight of all rigid bodies is its own
+        entry = kept[-1]  # kept last: the common weight of all rigid bodies is that of the last entry
         entry.object, entry.field, entry.fps = obj, field, frames_per_second(scene)
         entry.said, entry.wind, entry.areal_density = "; ".join(said), is_wind(field), self.areal_density
         entry.density, entry.alone, entry.set_mass = self.density, self.alone, self.set_mass
         return entry.said
 
     def _all(self, scene, field):
-        """Every object on its own: one that cannot be set right does not keep the others from it."""
+        """Calibrate each object on its own, so that one failure does not prevent the others."""
         from .solvers.apart import said_of_others
         from .solvers.calibration import has_solver  # needs NumPy
 
@@ -182,7 +182,7 @@ class SEEING_WIND_OT_calibrate_again(DirectOperator, bpy.types.Operator):
     bl_label = "Calibrate Again"
 
     def act(self, context):
-        """With the options of their first time."""
+        """Calibrate outdated objects again with their stored options."""
         from .solvers.calibration import calibrate_object  # needs NumPy
 
         scene, done = context.scene, []
@@ -209,7 +209,7 @@ class SEEING_WIND_OT_conform(DirectOperator, bpy.types.Operator):
     )  # fmt: skip
 
     def act(self, context):
-        """Calibrations of the field are renewed with it."""
+        """Retime the field, and renew the calibrations made for it."""
         from .conform import conform, said_of_own_camera  # need NumPy
         from .solvers.calibration import calibrate_object
 
@@ -241,7 +241,7 @@ class SEEING_WIND_OT_export_field(DirectOperator, bpy.types.Operator):
     )  # fmt: skip
 
     def act(self, context):
-        """VDB in Blender, the rest by the engine."""
+        """Write VDB files in Blender; the engine writes all other formats."""
         from .vdb import faded, frames_of, name_beside, said_of_clip_frames, said_of_frames, write_vdb  # need NumPy
 
         scene, field = context.scene, chosen_field(context, self.field)
@@ -250,14 +250,14 @@ class SEEING_WIND_OT_export_field(DirectOperator, bpy.types.Operator):
         if self.format != "VDB" and field == scene.seeing_wind.field_object and takes.shows_lone(scene.seeing_wind):
             from ..edit.resimulate.lone_wind import adopt  # needs NumPy
 
-            adopt(scene, field)  # again: the scene may last longer by now
+            adopt(scene, field)  # adopt again: the scene may have become longer since
             frames = range(scene.seeing_wind.frame_start + 1, scene.frame_end + 1)
         take, name = self._take(scene, field), self.format.lower()
         target = Path(absolute(self.filepath)) if self.filepath else name_beside(take)
         if self.format == "VDB":
             files = write_vdb(scene, field, target)
             return f"Wrote {len(files)} files into {target}, for {said_of_frames(scene, frames)}"
-        if self.format == "NPZ" and target.name:  # as the engine completes it
+        if self.format == "NPZ" and target.name:  # the engine appends this suffix, too
             target = target.with_name(f"{target.name.removesuffix('.npz')}.npz")
         os.makedirs(target.parent, exist_ok=True)
         call = command(engine_python(), "export", str(take), "--format", name, "--out", str(target), *faded(scene, field))
@@ -265,21 +265,21 @@ class SEEING_WIND_OT_export_field(DirectOperator, bpy.types.Operator):
         return f"Exported {name.upper()} to {target}, for {said_of_clip_frames(scene, field, frames)}"
 
     def _take(self, scene, field):
-        """The folder of a field's take; for a VDB, which is written from the values that the field carries, it need not be there."""
+        """The folder of a field's take; it need not exist for VDB, which is written from the values that the field carries."""
         settings, vdb = scene.seeing_wind, self.format == "VDB"
         if field == settings.field_object and settings.recovered_take:
             take = takes.shown(settings) if vdb else takes.recovered(settings)
         else:
             named = field.get("seeing_wind_take", "")
             take = Path(absolute(named)) if named else takes.home_of(scene, field.name)
-        if vdb:  # what was beside a take that is gone may be another project by now
+        if vdb:  # if the take is gone, its former folder may belong to another project by now
             return take if take.is_dir() else takes.home_of(scene, field.name).with_name(take.name)
         if not take.is_dir():
             raise UsageError(f"{field.name} was added without its take, which {self.format} is made from.", "Export OpenVDB instead.")
         return take
 
     def _run(self, messages: "worker.Messages") -> None:
-        """Some seconds, so it is waited for. Raises SeeingWindError with what the engine said."""
+        """Run the engine and wait, as it takes only seconds. Raises SeeingWindError with the engine's message."""
         errors: list[dict] = []
         out = console.ReportsBesides() if bpy.app.background else None
 

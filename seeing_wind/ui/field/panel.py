@@ -29,7 +29,7 @@ SHOWN = {
     "Length": "Length", "Density": "Density", "Confidence Shown": "Min Confidence", "Slice Axis": "Slice (0: Off)",
     "Slice Position": "Slice At", "Slice Thickness": "Slice Width",
 }  # fmt: skip
-"""Settings of the arrows' modifier, and words for them that a sidebar does not cut off."""
+"""Settings of the arrows' modifier, and labels for them that fit into a sidebar."""
 
 
 class FieldTab(Tab):
@@ -40,11 +40,11 @@ class FieldTab(Tab):
 
     @classmethod
     def poll(cls, context):
-        """Once there is a field: the scene's own, or a selected one that was appended or linked."""
+        """Whether there is a field: the scene's own, or a selected one that was appended or linked."""
         return context.scene is not None and field_at_hand(context) is not None
 
     def fill(self, context, layout):
-        """Reads the objects' own settings: nothing is kept twice."""
+        """Draw the objects' own settings, so that nothing is stored twice."""
         settings, field = context.scene.seeing_wind, field_at_hand(context)
         layout.use_property_split, layout.use_property_decorate = True, False
         if field != settings.field_object:
@@ -95,7 +95,7 @@ class FieldTab(Tab):
         column.operator_menu_enum("seeing_wind.export_field", "format", text="Export Field", icon="EXPORT")
 
     def _felt(self, context, layout, settings, field):
-        """What solvers feel, and how near it is to the recovered field."""
+        """Draw what solvers feel, and how close it is to the recovered field."""
         column = layout.column()
         if has_wind(field):
             column.prop(settings, "field_kind")
@@ -114,7 +114,7 @@ class FieldTab(Tab):
             draw_text(layout, context, unseen, "INFO")
         header, column = layout.panel("SEEING_WIND_arrows", default_closed=True)
         header.label(text="Arrows")
-        # Blender itself shows the eye closed while it is set
+        # Blender itself shows a closed eye while the property is set
         header.prop(arrows, "hide_viewport", text="", icon="HIDE_OFF", emboss=False)
         if column is None:
             return

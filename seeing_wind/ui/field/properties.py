@@ -48,7 +48,8 @@ def _set_share(settings, value: float) -> None:
 
 
 def _of_field(own: str, mark: str, items: list[tuple[str, str, str]]) -> dict[str, Callable]:
-    """Access to a choice for the field at hand: `own` of the scene's own field, else what stands with the field, at first what it has."""
+    """Getter and setter of a choice for the field at hand: for the scene's own field, the setting `own`; for another, a property of that
+    field, which starts as the value that the field was made with."""
     words, chosen = [word for word, *_ in items], f"{mark}_chosen"
 
     def get(settings) -> int:
@@ -66,7 +67,7 @@ def _of_field(own: str, mark: str, items: list[tuple[str, str, str]]) -> dict[st
 
 
 def _other_field(settings):
-    """The field at hand where it is not the scene's own, else None."""
+    """The field at hand if it is not the scene's own, else None."""
     field = field_at_hand(bpy.context) if bpy.context.scene == settings.id_data else None
     return field if field != settings.field_object else None
 

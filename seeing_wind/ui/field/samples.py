@@ -1,7 +1,7 @@
 """The field on a lattice, for Geometry Nodes: a hidden mesh with the field's values, and the node group *Sample Wind* that reads it.
 
-The values are the engine's own, at its own lattice. They are a child of the field object that moves, turns and changes strength with it.
-*Sample Wind* is marked as an asset: it can be dropped into any node tree, and its only link to one field is the object that it is given.
+The values are the engine's, on the lattice it sampled. The mesh, a child of the field object, moves, turns and changes strength with it.
+*Sample Wind* is marked as an asset: it can be dropped into any node tree, and its only link to a field is the object it is given.
 """
 
 from __future__ import annotations
@@ -18,23 +18,23 @@ from .texture.reach import CONTINUE, FADE, Reach, left_near
 
 SAMPLE_WIND = "Sample Wind"
 FORCE, VELOCITY, COUNT, SURE, REACH = "force", "velocity", "lattice_count", "confidence", "reach"
-"""Attributes: the field [N per cubic scene unit-metre, as the field object has it], the wind [scene units/s] where it has one, nodes along
-each axis, confidence in 0..1, and how the wind ends beside the box (see `set_reach`)."""
+"""Attributes: the force density [N/m³ divided by the length of a scene unit, as in the field object], the wind [scene units/s] if there is
+one, the numbers of nodes along each axis, confidence in 0..1, and how the wind ends outside the box (see `set_reach`)."""
 DISTANCE, LEFT = "distance", "left"
-"""Attributes of a field that is not known everywhere: from the filmed object [scene units], and what its reach leaves there, 0..1."""
+"""Attributes of a field that is not known everywhere: distance from the filmed object [scene units], and the share left there, 0..1."""
 
 FOR_EVER = 1e6
-"""Scene units over which a wind fades that is not to fade."""
+"""Width of the fade [scene units] for a wind that is not to fade."""
 
 
 def create_samples(field: bpy.types.Object, sampled: SampledField, frame_start: int, delay: int) -> bpy.types.Object:
-    """The hidden child of a field object that holds its values.
+    """Make the hidden child of a field object that holds its values.
 
     Args:
-        sampled: in the field object's own coordinates [scene units, N/m³ over the scene's unit, so that force / density is in scene units
-            per square second].
+        sampled: in the field object's own coordinates [scene units]; forces in N/m³ divided by the length of a scene unit [m], so that
+            force / density is in scene units per square second.
         frame_start: scene frame of clip frame 0.
-        delay: scene frames by which the values are late; that of the solvers.
+        delay: scene frames by which the values are delayed: `field_object.SOLVER_DELAY`.
     """
     forces, counts = sampled.force, sampled.counts
     mesh = bpy.data.meshes.new(f"{field.name} Samples")
@@ -56,7 +56,7 @@ def create_samples(field: bpy.types.Object, sampled: SampledField, frame_start: 
     obj.parent = field
     group = GroupBuilder(f"{field.name} Samples")
     current = points_of_current_frame(group, forces.shape[1], len(forces), frame_start, delay, field)
-    # the strength slider of the field object acts here too
+    # the strength of the field object applies here, too
     strength = group.strength(field)
     if near:
         strength = group.math("MULTIPLY", strength, group.attribute(LEFT))
@@ -71,9 +71,9 @@ def create_samples(field: bpy.types.Object, sampled: SampledField, frame_start: 
 
 
 def set_reach(samples: bpy.types.Object, reach: Reach) -> None:
-    """Say how *Sample Wind* ends.
+    """Store how the field of *Sample Wind* ends away from the filmed object.
 
-    The attribute `LEFT` is what is left in the box; `REACH` is the width of the fade beside it, and the power and radius of a falloff.
+    The attribute `LEFT` is the share left in the box; `REACH` holds the width of the fade outside it, and a falloff's power and radius.
     """
     row = (reach.width if reach.kind == FADE else FOR_EVER, reach.power if reach.kind == CONTINUE else 0.0, reach.radius)
     values = np.tile(np.asarray(row, dtype=np.float32), len(samples.data.vertices))
@@ -85,7 +85,7 @@ def set_reach(samples: bpy.types.Object, reach: Reach) -> None:
 
 
 def read_samples(samples: bpy.types.Object) -> SampledField:
-    """The values that a field object carries, in its own coordinates [scene units] and over the scene's unit, as recovered."""
+    """The recovered values that a field object carries, in its own coordinates and units, see `create_samples`."""
     mesh = samples.data
     total = len(mesh.vertices)
     flat = {name: np.empty(3 * total, dtype=np.float32) for name in ("co", FORCE, VELOCITY) if name == "co" or name in mesh.attributes}
@@ -100,20 +100,20 @@ def read_samples(samples: bpy.types.Object) -> SampledField:
 
 
 def rows_at(field: bpy.types.Object, times: np.ndarray, count: int) -> np.ndarray:
-    """Which of a field object's `count` clip frames act at times (T,) between scene frames, as its solvers' clock has it: (T,) int."""
+    """Indices (T,) of which of a field object's `count` clip frames act at times (T,) [scene frames], by the solvers' clock."""
     rows = np.floor((times - field["seeing_wind_frame_start"]) / stride_of(field) + 1e-4).astype(np.int64)
     return rows % count if field[LOOP] else np.clip(rows, 0, count - 1)
 
 
 def _read(mesh: bpy.types.Mesh, name: str) -> np.ndarray:
-    """The numbers (T L,) of an attribute."""
+    """The values (T L,) of an attribute."""
     values = np.empty(len(mesh.vertices), dtype=np.float32)
     mesh.attributes[name].data.foreach_get("value", values)
     return values
 
 
 def samples_of(field: bpy.types.Object) -> bpy.types.Object | None:
-    """The object with the values of a field object, if they are still there: of one whose library is lost only the name is."""
+    """The object with the values of a field object; None if they are gone (if its library is lost, only the object's name remains)."""
     carried = field.get(CARRIED) or next((child for child in field.children if SAMPLES_MARK in child), None)
     return carried if carried is not None and carried.data is not None else None
 
@@ -122,8 +122,8 @@ def sample_wind_group(samples: bpy.types.Object | None = None, density: float = 
     """The node group *Sample Wind*, made once per file and marked as an asset.
 
     Args:
-        samples: which field it reads unless its user says otherwise: the newest one made.
-        density: default of its input [kg/m³].
+        samples: default of its input *Wind*, the values of the field made last.
+        density: default of its input *Density* [kg/m³].
     """
     tree = bpy.data.node_groups.get(SAMPLE_WIND)
     if tree is None:
@@ -139,7 +139,7 @@ def sample_wind_group(samples: bpy.types.Object | None = None, density: float = 
 
 
 def _build(group: GroupBuilder) -> bpy.types.NodeTree:
-    """Look up the eight nodes round a place, in the coordinates of the field object, and mix them linearly."""
+    """Build the group: look up the eight nodes around a place, in the coordinates of the field object, and interpolate linearly."""
     wind = group.parameter("Wind", "Object", None, "The Samples object under the recovered wind")
     place = group.parameter("Position", "Vector", None, "Where, in the same space as the object")
     interface = next(item for item in group.tree.interface.items_tree if item.item_type == "SOCKET" and item.name == "Position")
@@ -155,7 +155,7 @@ def _build(group: GroupBuilder) -> bpy.types.NodeTree:
     low, high = box.outputs["Min"], box.outputs["Max"]
     count = _sample(group, own, group.attribute(COUNT, "FLOAT_VECTOR"), 0)
     last = group.vector("SUBTRACT", count, (1.0, 1.0, 1.0))
-    # outside the box the nearest place on it counts, as far as the wind reaches
+    # outside the box, the value at the nearest place on it is used, weakened by the reach
     share = group.vector("DIVIDE", group.vector("SUBTRACT", local, low), group.vector("SUBTRACT", high, low))
     where = group.vector("MULTIPLY", group.vector("MINIMUM", group.vector("MAXIMUM", share, (0.0,) * 3), (1.0,) * 3), last)
     corner = group.vector("FLOOR", group.vector("MINIMUM", where, group.vector("SUBTRACT", last, (1.0e-3,) * 3)))
@@ -183,7 +183,7 @@ def _build(group: GroupBuilder) -> bpy.types.NodeTree:
 
 
 def _left(group: GroupBuilder, place: Any, low: Any, high: Any, reach: Any) -> Any:
-    """Share of the wind that is left at a place beside the box: `texture.reach.left_of`."""
+    """Share of the wind that is left at a place outside the box, as in `texture.reach.left_of`."""
     nearest = group.vector("MINIMUM", group.vector("MAXIMUM", place, low), high)
     distance = group.vector("LENGTH", group.vector("SUBTRACT", place, nearest))
     width, power, radius = group.split(reach)
@@ -212,13 +212,13 @@ def _corner_indices(group: GroupBuilder, corner: Any, count: Any) -> list[Any]:
         for dy in (0, 1):
             row = first if not dx else group.math("ADD", first, plane)
             row = row if not dy else group.math("ADD", row, nz)
-            # a quarter keeps the conversion to a whole number on the right side
+            # a quarter makes the conversion to an integer robust against rounding
             indices += [group.math("ADD", row, 0.25), group.math("ADD", row, 1.25)]
     return indices
 
 
 def _mix(group: GroupBuilder, corners: list[Any], t: list[Any], kind: str) -> Any:
-    """Trilinear: halve the corners along z, then y, then x."""
+    """Trilinear interpolation: combine the corners in pairs along z, then y, then x."""
     for along in (2, 1, 0):
         pairs = zip(corners[::2], corners[1::2], strict=True)
         corners = [_between(group, a, b, t[along], kind) for a, b in pairs]

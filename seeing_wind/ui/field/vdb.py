@@ -1,6 +1,6 @@
 """The field as OpenVDB files, one per frame, written by the OpenVDB that comes with Blender (the `bpy` wheels have none).
 
-Also what is told of any export: in which frames of the scene it blows, and how it fades.
+Also messages and options for any export: in which frames of the scene the field blows, and how it fades.
 """
 
 from __future__ import annotations
@@ -23,23 +23,23 @@ from .samples import read_samples, rows_at, samples_of
 from .texture.reach import FADE, reach_of
 
 UNITS = {"force": "N/m3", "velocity": "m/s", "confidence": "1"}
-"""The grids, and what their metadata call their unit. Blender blurs volumes by a grid of the name `velocity`."""
+"""The grids, and their unit in the metadata. Blender uses a grid of the name `velocity` for the motion blur of volumes."""
 CLASSES = {"force": "covariant", "velocity": "contravariant relative"}
-"""OpenVDB's classes of vectors: how they turn and stretch with the volume."""
+"""OpenVDB's types of vectors, which state how they transform with the volume."""
 FLAT = 1e-6
-"""Share of its volume below which a field object is scaled to nothing."""
+"""Share of its volume below which a field object counts as scaled to zero."""
 
 
 def write_vdb(scene: bpy.types.Scene, field: bpy.types.Object, folder: Path) -> list[Path]:
     """Write `wind_0002.vdb` and so on, one per scene frame in `frames_of`, as the field object now stands and blows.
 
-    A volume object that shows frame N in scene frame N is then in step with them. The values are the engine's own at its lattice.
-    Cells are in scene units, values in N/m³ and, where the field has a wind, m/s, with the field object's strength and reach applied;
-    each grid says its unit.
+    A volume object that shows file N in scene frame N is then in step with the solvers. The values are the engine's, on its lattice.
+    Cells are in scene units, values in N/m³ and, if the field has a wind, m/s, with the field object's strength and reach applied;
+    each grid states its unit.
 
     Raises:
         UsageError: when this Blender has no OpenVDB, or the field's values are gone.
-        TakeError: when a file cannot be written; what was written before it stays.
+        TakeError: when a file cannot be written; files written before it are kept.
     """
     if not openvdb_available():
         raise UsageError(
@@ -62,7 +62,7 @@ def write_vdb(scene: bpy.types.Scene, field: bpy.types.Object, folder: Path) -> 
     matrix[:3, 3] = turn[:3, :3] @ points[0] + turn[:3, 3]
     if abs(np.linalg.det(matrix[:3, :3])) < FLAT * np.prod(spacing):
         raise UsageError(f"{field.name} is scaled to nothing along some axis.", "Set its scale to 1 (Alt S).")
-    # OpenVDB multiplies rows from the left
+    # OpenVDB uses row vectors, which multiply the matrix from the left
     transform = openvdb.createLinearTransform(matrix.T.tolist())
     folder.mkdir(parents=True, exist_ok=True)
     written, frames = [], frames_of(scene, field)
@@ -86,10 +86,10 @@ def write_vdb(scene: bpy.types.Scene, field: bpy.types.Object, folder: Path) -> 
 
 
 def frames_of(scene: bpy.types.Scene, field: bpy.types.Object, loops: bool = True) -> range:
-    """The scene frames in which solvers feel a field: those of its clip, however long each lasts; of one that loops, to the scene's end.
+    """The scene frames in which solvers feel a field: those of its clip at its present speed; if it loops, up to the scene's end.
 
     Args:
-        loops: False: the first round only.
+        loops: if False, the first cycle only, even of a field that loops.
     """
     first, last = blows_from_to(field)
     if loops and field[LOOP] and max(first, scene.frame_start) < scene.frame_end:
@@ -98,44 +98,44 @@ def frames_of(scene: bpy.types.Scene, field: bpy.types.Object, loops: bool = Tru
 
 
 def said_of_frames(scene: bpy.types.Scene, frames: range) -> str:
-    """For which frames of the scene files are, in words; that it plays none of them, too."""
+    """A message on which scene frames the files are for, and whether the scene plays none of them."""
     none = frames[-1] < scene.frame_start or frames[0] > scene.frame_end
     beside = f", none of which the scene plays: it lasts from {scene.frame_start} to {scene.frame_end}"
     return f"frames {frames[0]} to {frames[-1]}" + beside * none
 
 
 def said_of_clip_frames(scene: bpy.types.Scene, field: bpy.types.Object, frames: range) -> str:
-    """The same for files that have a field's own frames, and how long each of these lasts."""
+    """The same for files with one clip frame each, and how long a clip frame lasts."""
     lasts = stride_of(field)
     return said_of_frames(scene, frames) + (f"; each of its own lasts {lasts:.4g} of these" if lasts != 1.0 else "")
 
 
 def name_beside(take: Path) -> Path:
-    """Where an export goes beside its take, whose name may speak of the wind already."""
+    """Where an export goes beside its take, ending in `_wind`, or `_field` if the take's name contains "wind" already."""
     return take.with_name(f"{take.stem}_field" if "wind" in take.stem.lower() else f"{take.stem}_wind")
 
 
 def faded(scene: bpy.types.Scene, field: bpy.types.Object) -> list[str]:
-    """The option of `export` with which other programs get a field that fades as solvers feel it here, as the VDB files have it; of one
-    that does not fade, which is whole in its box, none."""
+    """The option of `export` that applies the fade that solvers feel here, as in the VDB files; none for a field that does not fade, which is
+    whole in its box."""
     reach = reach_of(field["seeing_wind_reach"], np.array([vertex.co[:] for vertex in field.data.vertices]))
     return ["--fade", f"{reach.width * metres_per_unit(scene):.9g}"] if reach.kind == FADE else []
 
 
 def write_file(path: Path, grids: Sequence[tuple[Any, np.ndarray]], vdb: Any) -> Path:
-    """Write grids into a file, and read it again: OpenVDB may end without an error with half a file or an empty one, as on a full disk.
+    """Write grids into a file and read it back: OpenVDB may leave a truncated or empty file without an error, as on a full disk.
 
     Args:
-        grids: each with its values from the cell (0, 0, 0) on.
+        grids: each with its array of values, starting at the cell (0, 0, 0).
         vdb: the module `openvdb`.
 
     Raises:
-        TakeError: when it cannot be written, or what was written cannot be read; what was at `path` is untouched.
+        TakeError: when the file cannot be written, or not read back correctly; a former file at `path` is untouched.
     """
     with Take(path.parent).writing(path.name) as aside:
         try:
             vdb.write(str(aside), grids=[grid for grid, _ in grids])
-        except Exception as error:  # OpenVDB has many, as it has for half a file, after what it takes it for
+        except Exception as error:  # OpenVDB raises many types, as for a truncated file
             raise TakeError(f"OpenVDB cannot write {path}: {_reason(error, aside, path)}.", _where_room_is(path.parent)) from error
         try:
             read = {grid.name: grid for grid in vdb.readAll(str(aside))[0]}
@@ -149,12 +149,12 @@ def write_file(path: Path, grids: Sequence[tuple[Any, np.ndarray]], vdb: Any) ->
 
 
 def _reason(error: Exception, aside: Path, path: Path) -> str:
-    """What OpenVDB says of a file, by the name that the user gave it."""
+    """OpenVDB's message on a file, with the path that the user gave."""
     return str(error).replace(str(aside), str(path)).strip().rstrip(".") or type(error).__name__
 
 
 def _where_room_is(folder: Path) -> str:
-    """What to do about a file that came out wrong. A full disk is one possible cause: how much is free is told where the system says it."""
+    """A hint for a file that was written wrongly. A full disk is one possible cause, so the hint states the free space if it is known."""
     try:
         free = f"{in_units(shutil.disk_usage(folder).free, 'B')} are free on that disk: make room if that is too little"
     except OSError:

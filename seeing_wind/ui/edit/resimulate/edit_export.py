@@ -217,7 +217,7 @@ def _holds_of_the_recovered(body: Body, scene: bpy.types.Scene, source: Path, fo
 
 
 def _carriers(group: str, scene: bpy.types.Scene, source: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Indices (n,) of the particles that most strongly carry the vertices of a group of the recovered object, and their pin weights (n,)."""
+    """Indices (n,) of the particles that carry most of the vertices of a group of the recovered object, and their pin weights (n,)."""
     obj = scene.seeing_wind.recovered_object
     if obj is None:
         raise UsageError("The recovered object is gone.", "Load the results again, or undo its deletion.")

@@ -40,7 +40,7 @@ def export_mesh(
 
 
 def export_pins(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph, group: str, path: str | Path) -> tuple[np.ndarray, Path | None]:
-    """Write the vertices of `pinned_vertices` as NPY. Returns their indices (n,), and the path of their weights (None if all hold firmly)."""
+    """Write the vertices of `pinned_vertices` as NPY. Returns their indices (n,), and the path of their weights (None: all firm)."""
     pinned, weights = pinned_vertices(obj, depsgraph, group)
     return pinned, write_pins(path, pinned, weights)
 

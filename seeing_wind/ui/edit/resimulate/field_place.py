@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     import numpy as np
 
 ALIKE = 1e-6
-"""Difference from the identity matrix (per metre of the field's box, if that is larger than 1 m) below which the field counts as not moved:
+"""Largest difference from the identity matrix at which the field counts as not moved, times the largest coordinate of its box [m] if above 1:
 single precision."""
 
 

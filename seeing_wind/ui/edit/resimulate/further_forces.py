@@ -88,7 +88,7 @@ def _error(nodes: np.ndarray, forces: np.ndarray | list[np.ndarray]) -> float:
 
 
 def _by_speed(still: np.ndarray, moving: list[np.ndarray], counts: tuple[int, ...], metres: float) -> dict[str, np.ndarray]:
-    """The dependence on the velocity, from forces (T, L, 3) [kg scene units/s²] at rest and at each of `MOVING`; empty if there is none."""
+    """Dependence on the velocity, from forces (T, L, 3) [kg scene units/s²] at rest and at each of `MOVING`; empty if there is none."""
     quadratic = -0.5 * (moving[3][..., 0] - 2.0 * moving[0][..., 0] + still[..., 0])
     linear = np.stack([moving[axis] - still for axis in range(3)], axis=-1) + quadratic[..., None, None] * np.eye(3)
     if max(np.abs(linear).max(), np.abs(quadratic).max()) <= SLIGHT:

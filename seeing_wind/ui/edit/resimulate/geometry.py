@@ -1,4 +1,4 @@
-"""Shape, place and weights of objects as short digests, cheap enough to be asked for at every change of the scene."""
+"""Short digests of the shape, place and weights of objects, cheap enough to be computed at every change of the scene."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ T = TypeVar("T")
 
 
 def geometry(obj: bpy.types.Object | None) -> tuple:
-    """Shape and place of a mesh object before any bake: neither playing a bake nor scrubbing changes it."""
+    """Digest of the shape and place of a mesh object without any bake: neither playing a bake nor scrubbing changes it."""
     if obj is None or obj.type != "MESH":
         return ()
-    # neither name nor session id: the one changes at a renaming, the other whenever the file is opened
+    # neither name nor session id: a renaming changes the former, opening the file the latter
     return (len(obj.data.vertices), once_per_shape(obj, "", lambda: _coordinates(obj.data)), place(obj))
 
 
 def place(obj: bpy.types.Object) -> list:
-    """Where an object stands, the same at every frame; its keyframes where it moves by itself. Those of a bake do not count."""
+    """Where an object stands, independent of the current frame; its keyframes if it is animated. Those of a bake do not count."""
     mark = mark_of(obj)
     if mark is not None and mark["way"] == "TRANSFORM":
         return _rounded(mark["former"]["world"])
@@ -36,7 +36,7 @@ def place(obj: bpy.types.Object) -> list:
 
 
 def lineage(obj: bpy.types.Object) -> list[tuple]:
-    """The same of an object that Blender may not have evaluated, as in a file that was just opened: what it and its parents say."""
+    """The place of an object that Blender may not have evaluated yet, as in a file just opened: the transforms of it and its parents."""
     return [(_keys_of_place(each) or _rounded(each.matrix_basis), _rounded(each.matrix_parent_inverse)) for each in _with_parents(obj)]
 
 
@@ -60,7 +60,7 @@ def may_move_along(obj: bpy.types.Object) -> bool:
 
 
 def moves(obj: bpy.types.Object | None) -> list:
-    """Keyframes of all that moves an object's vertices: it and its shape keys, its parents, what its modifiers and constraints name."""
+    """Keyframes of all that moves an object's vertices: itself, shape keys, parents, and the objects of its modifiers and constraints."""
     if obj is None or obj.type != "MESH" or mark_of(obj) is not None and not obj.modifiers:
         return []
     sources: list = [obj.data.shape_keys, *(getattr(each, "object", None) for each in obj.modifiers)]
@@ -80,7 +80,7 @@ def seen_in_place_of(obj: bpy.types.Object, scene: bpy.types.Scene) -> bpy.types
 
 
 def baked_motion(obj: bpy.types.Object, scene: bpy.types.Scene) -> list:
-    """Of the bake of another edit by which a collider moves; empty for none."""
+    """Stamp and keyframes of another edit's bake that moves a collider; empty if there is none."""
     seen = seen_in_place_of(obj, scene)
     mark = mark_of(seen)
     return [] if mark is None else [mark["stamp"], keyframes(seen), keyframes(seen.data.shape_keys) if seen.data.shape_keys else ()]
@@ -95,7 +95,7 @@ def _rounded(matrix) -> list[float]:
 
 
 def weights(obj: bpy.types.Object, group: str) -> str:
-    """Of the weights of a vertex group; "" where there is none of that name."""
+    """Digest of the weights of a vertex group; "" if there is no group of that name."""
     found = obj.vertex_groups.get(group)
     if found is None:
         return ""
@@ -112,16 +112,16 @@ def _coordinates(mesh: bpy.types.Mesh) -> str:
 
 
 def forget_geometry() -> None:
-    """Blender says that meshes or weights have changed: they are digested anew."""
+    """Drop all stored digests, after Blender has reported a change of meshes or weights."""
     _known.clear()
 
 
 _known: dict[tuple[int, str], Any] = {}
-"""What is known of meshes and weights, by session id: computed once, and again after Blender said that the mesh has changed."""
+"""Computed values by mesh session id and name, kept until Blender reports a change of meshes or weights."""
 
 
 def once_per_shape(obj: bpy.types.Object, what: str, compute: Callable[[], T]) -> T:
-    """What `compute` says of an object's mesh; called again only after the mesh, or its weights, have changed."""
+    """The result of `compute` for an object's mesh; computed again only after the mesh or its weights have changed."""
     key = (obj.data.session_uid, what)
     if key not in _known:
         _known[key] = compute()

@@ -1,4 +1,4 @@
-"""A wind that came without its take, appended, linked or from the library: the values that it carries become a take to simulate in."""
+"""A wind without its take (appended, linked or from the library): a take for simulating in it is made from the values it carries."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ from ...job import takes
 from ...scene_units import metres_per_unit
 
 LONE = "lone wind"
-"""The stage in the description of such a take: what it holds is made anew before each re-simulation."""
+"""Stage named in the description of such a take, whose contents are made anew before each re-simulation."""
 
 MOST = 5000
-"""Frames."""
+"""Largest number of clip frames in such a take."""
 UNITS = {"force": "N/m3", "wind": "m/s"}
-"""As the engine's field files have them."""
+"""Units as written in the engine's field files."""
 
 
 def lone_wind(scene: bpy.types.Scene) -> bpy.types.Object | None:
-    """The field object of a scene that shows no take of its own, or one that was made here; None where there is none, or a take.
+    """The field object of a scene that shows no take, or only one made here; None if there is no field, or the scene shows another take.
 
-    Of several it is the selected one, else that of the last time.
+    Of several, it is the selected one, else the one used last.
 
     Raises:
-        UsageError: when it is not said which of several.
+        UsageError: when there are several and none is selected.
     """
     settings = scene.seeing_wind
     if settings.recovered_take and not takes.shows_lone(settings):
@@ -48,13 +48,14 @@ def lone_wind(scene: bpy.types.Scene) -> bpy.types.Object | None:
 
 
 def adopt(scene: bpy.types.Scene, field: bpy.types.Object) -> list[str]:
-    """Let the scene show a take of what a field object carries, over the scene's frames, from the field's first where that comes later.
+    """Make a take from the values of a field object and let the scene show it. It starts at the scene's or the field's first frame,
+    whichever is later, and lasts to the end of the scene.
 
-    In each frame that is what solvers feel there. Returns what the user should know: a wind that would not have blown in the scene
-    begins with it.
+    In each frame it holds what solvers feel in that frame. Returns notes for the user: whether the wind was moved in time to begin with the
+    scene, because it would not have blown during the scene otherwise.
 
     Raises:
-        UsageError: when its values are gone, it is linked and does not blow in the scene, or the scene has no or too many frames.
+        UsageError: when the field's values are gone, it is linked and does not blow in the scene, or the scene has no or too many frames.
     """
     settings, samples = scene.seeing_wind, samples_of(field)
     if samples is None:
@@ -93,7 +94,7 @@ def adopt(scene: bpy.types.Scene, field: bpy.types.Object) -> list[str]:
 
 
 def _field_file(kind: str, values: np.ndarray, rows: np.ndarray, box: np.ndarray, fps: float) -> bytes:
-    """A safetensors file that the engine reads as a `ForceFieldLattice`: values (N, A, B, C, 3), and which acts in each frame (T,)."""
+    """A safetensors file that the engine reads as a `ForceFieldLattice`: values (N, A, B, C, 3), and the row acting in each frame (T,)."""
     tensors = {"force": ("F32", values.astype("<f4")), "row": ("I64", rows.astype("<i8"))}
     metadata = {
         "representation": "lattice", "version": "2", "units": UNITS[kind], "kind": kind, "box": json.dumps(box.tolist()),

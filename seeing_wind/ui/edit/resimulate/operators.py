@@ -14,12 +14,12 @@ from .request import EditRequest
 
 
 class Simulation(JobOperator):
-    """Mix-in of both: the edit goes to the engine, and its motion stays in a take of its own until it is baked."""
+    """Mix-in for both operators: the engine simulates the edit, and the motion is kept in a take of its own until it is baked."""
 
     take, digest_kept, stamp_kept = "", "", ""
-    """Properties of the edit that note where the result is, of which settings it is, and the engine's stamp of it."""
+    """Names of the edit's properties that store the result's folder, the digest of its settings, and the engine's stamp."""
     coarse = False
-    """Whether it is a preview."""
+    """Whether the simulation is a preview."""
 
     def start(self, scene):
         """Write the edit, then let the engine simulate it."""
@@ -53,14 +53,14 @@ class Simulation(JobOperator):
         return worker.run(call, cwd=str(self.folder), env=environment())
 
     def digest_of(self, scene, edit):
-        """Of the settings that are simulated; `edit` is that of the edit. May raise SeeingWindError."""
+        """Digest of the settings that are simulated; `edit` is the digest of the edit. May raise SeeingWindError."""
         return edit
 
     def finish(self, scene, result):
-        """The motion stays in the take; where the objects show a preview, or are to show this one, it is baked at once."""
+        """Note the result with its edit. It is baked at once if the objects show a preview, or if it is a preview itself."""
         settings = scene.seeing_wind
         here = {obj.session_uid: obj for obj in scene.objects}
-        if self.alone in here and self.as_shown != _as_shown(settings):  # an undo while it ran has taken that back
+        if self.alone in here and self.as_shown != _as_shown(settings):  # an undo during the simulation has reverted the adoption
             from .lone_wind import adopt  # needs NumPy
 
             adopt(scene, here[self.alone])
@@ -72,7 +72,7 @@ class Simulation(JobOperator):
         if worked_on and not self.coarse:
             status.of(scene.session_uid).overtaken = ""
         if edit is not None:
-            for body in edit.bodies:  # an undo while it ran has taken the names back
+            for body in edit.bodies:  # an undo during the simulation has reverted the names
                 body.result = self.names.get(_who(body), "")
             setattr(edit, self.digest_kept, self.digest)
             setattr(edit, self.take, str(self.folder))
@@ -81,14 +81,14 @@ class Simulation(JobOperator):
         return f"{'Previewed' if self.coarse else 'Simulated'} into {self.folder.name}{', and baked' if baked else ''}"
 
     def owner(self, scene):
-        """The edit that was simulated; another one may be worked on by now."""
+        """The edit that was simulated, which need not be the active one any more; None if it was removed."""
         settings = scene.seeing_wind
         if settings.edit_folder == self.of_edit:
             return settings
         return next((edit for edit in settings.edits if edit.edit_folder == self.of_edit), None)
 
     def _bake(self, scene) -> bool:
-        """Give the bodies their new motion, a full one only in place of a preview. What cannot be is told. Returns whether all have it."""
+        """Bake the new motion; a full result only where bodies show a preview. An error becomes a warning. Returns whether it baked any."""
         from ...bake.bodies import bake_bodies  # needs NumPy
 
         bodies = scene.seeing_wind.bodies
@@ -121,7 +121,7 @@ class SEEING_WIND_OT_preview_edit(Simulation, bpy.types.Operator):
     coarse = True
 
     def digest_of(self, scene, edit):
-        """The preview's own. UsageError where the full result is there."""
+        """The preview's own digest. Raises UsageError if the full result exists already."""
         settings = scene.seeing_wind
         if edit and settings.simulated_digest == edit and takes.simulated(settings).is_dir():
             raise UsageError("The full result of this edit is there already.", "Press Bake to Keyframes to see it.")
@@ -129,12 +129,12 @@ class SEEING_WIND_OT_preview_edit(Simulation, bpy.types.Operator):
 
 
 def _as_shown(settings: bpy.types.PropertyGroup) -> tuple[str, str, int]:
-    """Which field the scene shows, and from which frame on."""
+    """Which field the scene shows, and its first frame."""
     return settings.recovered_take, settings.recovered_stamp, settings.frame_start
 
 
 def _who(body: bpy.types.PropertyGroup) -> int:
-    """What a body moves, however it is called: 0 for the clip's own object, -1 for one that is gone."""
+    """Session id of the object that a body moves, which survives renaming: 0 for the clip's own object, -1 if the object is gone."""
     if body.is_recovered:
         return 0
     return body.object.session_uid if body.object is not None else -1

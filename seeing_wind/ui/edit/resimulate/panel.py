@@ -13,7 +13,7 @@ class ResimulateTab(Tab):
     step = "resimulate"
 
     def fill(self, context, layout):
-        """Go, or have a quick look first."""
+        """Draw the buttons Re-simulate and Preview, or the progress."""
         settings, now = context.scene.seeing_wind, status.of(context.scene.session_uid)
         if now.running == status.EDIT_PREVIEW:
             draw_progress(layout, context, now.steps[status.EDIT_PREVIEW], now.cancelling)

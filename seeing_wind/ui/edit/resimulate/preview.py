@@ -1,4 +1,4 @@
-"""A preview of the edit: a coarser re-simulation of the frames that are seen, kept apart from the full one. No NumPy."""
+"""A preview of the edit: a coarser re-simulation of the frames that are played or baked, stored apart from the full one. No NumPy."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ...field.display import frames_per_second
 from ...job.status import digest_of
 
 COARSENESS = 2.0
-"""On the spacing of particles: an eighth of them, and half the substeps."""
+"""Factor on the spacing of particles: it leaves an eighth of them, and half the substeps."""
 
 
 def last_seen(scene: bpy.types.Scene) -> int:
@@ -21,7 +21,7 @@ def last_seen(scene: bpy.types.Scene) -> int:
 
 
 def frames_seen(scene: bpy.types.Scene, stride: float) -> int | None:
-    """How many of the clip's frames are needed for all that is seen; None where the clip begins after that: then all are.
+    """Number of clip frames needed for the frames that are seen; None if the clip begins after these: then all are simulated.
 
     Args:
         stride: scene frames from one clip frame to the next.
@@ -31,12 +31,12 @@ def frames_seen(scene: bpy.types.Scene, stride: float) -> int | None:
 
 
 def digest_of_preview(scene: bpy.types.Scene, edit: str) -> str:
-    """Changes whenever the preview would be another one; "" without bodies. `edit` is the digest of the full re-simulation."""
+    """Digest of all that the preview depends on; "" without bodies. `edit` is the digest of the full re-simulation."""
     return digest_of("preview", edit, frames_of_clip_seen(scene)) if edit else ""
 
 
 def frames_of_clip_seen(scene: bpy.types.Scene) -> int:
-    """How many of the clip's frames a preview has."""
+    """Number of clip frames in a preview."""
     settings, field = scene.seeing_wind, scene.seeing_wind.field_object
     if field is None:
         return 0
@@ -46,7 +46,7 @@ def frames_of_clip_seen(scene: bpy.types.Scene) -> int:
 
 
 def goes_before(scene: bpy.types.Scene, edit: str) -> bool:
-    """Whether the preview is what the scene's edit shows: it is newer than the full result, or there is none."""
+    """Whether the preview takes precedence for the scene's edit: it is up to date and the full result is not, or there is none."""
     settings = scene.seeing_wind
     if not settings.coarse_take or (edit and settings.simulated_digest == edit):
         return False

@@ -1,4 +1,4 @@
-"""What Re-simulate is asked for, as one snapshot of a scene's edit: values, digest, and the names of what is made. No NumPy."""
+"""The input of Re-simulate as a snapshot of a scene's edit: values, digest, and the names of the files to be made. No NumPy."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from . import field_place, force_fields
 from .geometry import baked_motion, geometry, moves, weights
 
 LONGEST = 50
-"""Characters of an object's name that become a file's: Blender allows 255 bytes, as most file systems do, endings not counted."""
+"""Most characters of an object's name used in a file name: Blender allows 255 bytes, as do most file systems, extension included."""
 
 
 @dataclass(frozen=True)
@@ -27,20 +27,20 @@ class Mover:
     """A body or a collider of the edit."""
 
     name: str
-    """In the panel's list."""
+    """The name in the panel's list."""
     result: str
-    """Of its files, and of a body in edit.toml."""
+    """The name of its files, and of a body in edit.toml."""
     object: bpy.types.Object | None
     values: dict[str, Any]
-    """Of `BodyEdit` or `ColliderEdit`, as far as the panel has them."""
+    """Values of `BodyEdit` or `ColliderEdit`, as far as the panel has them."""
 
     @property
     def called(self) -> str:
-        """In messages."""
+        """The name used in messages."""
         return f"the collider {self.name}"
 
     def stamp(self) -> tuple:
-        """Of all that the simulation reads of it, but for its names."""
+        """Everything the simulation reads of it, apart from its names."""
         return (self.values, geometry(self.object))
 
 
@@ -49,14 +49,14 @@ class Body(Mover):
     """A body, with the vertex groups that hold it and let it go."""
 
     is_recovered: bool
-    """It is the clip's own object."""
+    """Whether it is the clip's own object."""
     pin_group: str
     free_mode: str
     free_group: str
 
     @classmethod
     def of(cls, body: bpy.types.PropertyGroup, taken: set[str]) -> Body:
-        """A line of the panel's list. A mass goes before a density, and the clip's own object keeps its material."""
+        """Read an entry of the panel's list. A mass takes precedence over a density, and the clip's own object keeps its material."""
         values, obj = values_of(body, BodyEdit), body.object
         values |= {"density": None} if values["mass"] is not None else {}
         values |= {"material": None} if body.is_recovered else {}
@@ -67,11 +67,11 @@ class Body(Mover):
 
     @property
     def called(self) -> str:
-        """In messages."""
+        """The name used in messages."""
         return self.name
 
     def stamp(self) -> tuple:
-        """As of `Mover`."""
+        """As for `Mover`, with pins and released vertices."""
         held = (self.is_recovered, self.pin_group, self.is_recovered and self.free_mode, self.free_group)
         pinned = (weights(self.object, self.pin_group), moves(self.object)) if self.object is not None and self.pin_group else ""
         return (*super().stamp(), held, pinned)
@@ -82,32 +82,32 @@ class EditRequest:
     """Everything that a re-simulation depends on, read from the scene once; meshes are read when they are written."""
 
     field: tuple[str, str]
-    """Which recovered field it is simulated in."""
+    """Identifies the recovered field in which the edit is simulated."""
     stands: tuple
-    """How its object stands in the scene, as `field_place.stamp` has it."""
+    """How the field object stands in the scene, from `field_place.stamp`."""
     bodies: tuple[Body, ...]
     colliders: tuple[Mover, ...]
     floor: dict[str, Any] | None
-    """Of `ColliderEdit`."""
+    """Values of `ColliderEdit` for the floor; None without one."""
     values: dict[str, Any]
-    """Of `Edit`, as far as the panel has them and they are not below."""
+    """Values of `Edit`, as far as the panel has them and no field below holds them."""
     gravity: tuple[float, float, float] | str
     """[m/s²], or SAME or NONE."""
     strength: object
     """Factor on the field, or its keyframes."""
     forces: list[tuple]
-    """Blender's own force fields, as `force_fields.stamp` has them."""
+    """Blender's own force fields, from `force_fields.stamp`."""
     offset: tuple[float, ...]
-    """Where the edit is shown, from where it is simulated [m]."""
+    """Displacement [m] from where the edit is simulated to where it is shown."""
     frame_start: int
     timing: tuple
-    """Bakes by which colliders move, and where anything moves by keyframes of its own, at which scene frames the clip's frames are."""
+    """Bakes that move colliders, and the scene frames of the clip; empty if neither bakes nor keyframes move anything."""
     metres: float
-    """Length of a unit of the scene."""
+    """Length of one scene unit [m]."""
 
     @classmethod
     def of(cls, scene: bpy.types.Scene) -> EditRequest:
-        """The edit of a scene as it stands."""
+        """Read the present edit of a scene."""
         settings, bodies, walls = scene.seeing_wind, set[str](), {"floor"}
         path, values = settings.path_from_id("field_strength"), values_of(settings, Edit)
         plane = (0.0, 0.0, single(settings.floor_height), 0.0, 0.0, 1.0)
@@ -128,7 +128,7 @@ class EditRequest:
         )  # fmt: skip
 
     def digest(self) -> str:
-        """Changes whenever the re-simulation would be another one; "" while there are no bodies."""
+        """Digest of all that the re-simulation depends on; "" if there are no bodies."""
         moved = [body.stamp() for body in self.bodies if body.is_recovered or body.object is not None]
         walls = [(each.stamp(), moves(each.object)) for each in self.colliders if each.object is not None]
         around = (self.stands, self.floor, self.values, self.gravity, self.strength, self.forces, self.offset, self.metres, self.timing)
@@ -146,7 +146,7 @@ def _timing(scene: bpy.types.Scene) -> tuple:
 
 
 def _free_name(name: str, taken: set[str]) -> str:
-    """A name that can be a file's and is not taken, near to the object's."""
+    """A valid file name close to `name` that is not in `taken`, to which it is added (case is ignored)."""
     plain = re.sub(r"[^\w .-]", "_", name)[:LONGEST].strip(" .") or "body"
     free, count = plain, 1
     while free.lower() in taken:

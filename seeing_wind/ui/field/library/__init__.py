@@ -1,8 +1,8 @@
-"""Recovered winds as assets: those that come with the extension, and field objects that are duplicated.
+"""Recovered winds as assets: the winds that come with the extension, and duplicated field objects.
 
-shelf      the files, what is in them, and taking a wind out of them
+shelf      the files, their contents, and appending a wind from them
 operators  Add Wind, Add Wind Library
-copies     a duplicated field object gets a texture of its own, and what has none its arrows
-arrows     the arrows of a wind that was taken out
+copies     gives duplicated field objects their own texture, and winds without arrows their arrows
+arrows     the arrows of a wind from the library
 panel      the panel *Wind Library*
 """

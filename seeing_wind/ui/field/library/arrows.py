@@ -1,4 +1,4 @@
-"""The arrows of a wind from the library: it comes with its values, of which they are made once it is in a scene."""
+"""The arrows of a wind from the library. The wind comes with its values, from which the arrows are made once it is in a scene."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ ALONG = 7
 
 
 def show_arrows(scene: bpy.types.Scene, field: bpy.types.Object) -> None:
-    """Give a field object with a wind, whose values are its own, arrows that go with it. They are not rendered.
+    """Give a field object with a wind, whose values are its own, arrows that follow it. They are not rendered.
 
-    All are drawn alike: its confidence is that of one plate's flight, while solvers feel the wind everywhere.
+    All are drawn with full confidence: the recovered one is that along the flight of one plate, while solvers feel the wind everywhere.
 
     Args:
-        scene: that the field is in.
+        scene: the scene that contains the field.
     """
     samples = samples_of(field)
     if samples is None:

@@ -1,8 +1,8 @@
-"""Field objects that were duplicated: Blender's copy reads the texture of its original, and turns with it. It gets one of its own.
+"""Duplicated field objects: Blender's copy reads the texture of its original and turns with that, so it is given a texture of its own.
 
-A wind that was dragged or appended from the library, without an operator of ours, gets its arrows in the same way. What belonged to a copy
-or to such a wind goes when it is deleted. All this is done soon after a change in a window; under `blender -b` at the next frame, and when
-a file is opened or an operator needs it.
+A wind that was dragged or appended from the library without one of this extension's operators gets its arrows in the same way. When a copy
+or such a wind is deleted, what belonged to it is removed. With a window, all this happens shortly after the change; under `blender -b`, at
+the next frame; and in both cases when a file is opened or an operator needs it.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from ..display import CARRIED, KIND, SLOWS, WITH_FIELD, has_lost_field, is_field
 
 
 def copies_in(scene: bpy.types.Scene) -> list[bpy.types.Object]:
-    """Field objects of a scene whose values stand under another one."""
+    """Field objects of a scene whose values belong to another field object."""
     return [obj for obj in scene.objects if _is_copy(obj)]
 
 
@@ -28,8 +28,8 @@ def _is_copy(obj: bpy.types.Object) -> bool:
 
 
 def make_independent(field: bpy.types.Object) -> None:
-    """Give a copied field object values and a texture of its own; its place, and its strength relative to the recovered one, stay."""
-    from ..conform import set_stride  # needs NumPy, as do these
+    """Give a copied field object values and a texture of its own; its place and its strength relative to the recovered one are kept."""
+    from ..conform import set_stride  # needs NumPy, as do the next two
     from ..field_object import SOLVER_DELAY, make_again
     from ..samples import create_samples, read_samples
 
@@ -42,7 +42,7 @@ def make_independent(field: bpy.types.Object) -> None:
 
 
 def mend(scene: bpy.types.Scene) -> None:
-    """Give every copied field what is its own, and let go of what deleted ones have left: still air would slow whatever moves."""
+    """Make every copied field independent, and remove what deleted fields have left: the still air of a wind would slow whatever moves."""
     copied, left = copies_in(scene), [obj for obj in scene.objects if has_lost_field(obj, scene)]
     if scene.library is not None or not (copied or left):
         return
@@ -59,7 +59,7 @@ def mend(scene: bpy.types.Scene) -> None:
 
 
 def _mend_all() -> float | None:
-    """Every scene, once Blender is out of the operator that made the copies; seconds to wait where they are still being moved."""
+    """Timer: mend every scene once the operator that made the copies has ended. Returns seconds to wait while a transform still runs."""
     from .arrows import show_arrows  # needs NumPy
 
     windows = bpy.context.window_manager.windows
@@ -74,7 +74,7 @@ def _mend_all() -> float | None:
 
 @persistent
 def _before_frame(scene: bpy.types.Scene, *_: object) -> None:
-    if bpy.app.background:  # where no timer runs
+    if bpy.app.background:  # timers do not run there
         mend(scene)
 
 
@@ -96,7 +96,7 @@ def _after_change(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None 
     if any(isinstance(update.id, (bpy.types.Scene, bpy.types.Collection)) for update in updates):  # something may have been deleted
         due = due or any(has_lost_field(obj, scene) for obj in scene.objects)
     if due and not bpy.app.timers.is_registered(_mend_all):
-        # not at once: Blender allows no new data while it evaluates
+        # deferred: Blender allows no new data during an evaluation
         bpy.app.timers.register(_mend_all, first_interval=0.0)
 
 
@@ -111,7 +111,7 @@ def register() -> None:
 
 
 def unregister() -> None:
-    """Detach them, also those of a former registration."""
+    """Detach the handlers, including those of an earlier registration."""
     for name, _ in HANDLERS:
         handlers = getattr(bpy.app.handlers, name)
         for present in [each for each in handlers if getattr(each, "__module__", "") == __name__]:

@@ -1,4 +1,4 @@
-"""Taking a wind from the library, and listing the library in Blender's preferences."""
+"""Operators that add a wind from the library, and list the library in Blender's preferences."""
 
 import bpy
 from bpy.props import BoolProperty, EnumProperty
@@ -8,11 +8,11 @@ from ...direct_operator import DirectOperator
 from . import shelf
 
 LIBRARY = "Seeing Wind"
-"""Its name in the preferences."""
+"""Name of the library in the preferences."""
 
 
 def choices(_self, _context):
-    """The winds, as a menu takes them; Blender wants the texts kept alive, and the shelf keeps them."""
+    """Items of the menu of winds. Blender requires that their texts are kept alive, so they are kept in `_kept`."""
     return _items(shelf.entries(shelf.SHELF))
 
 
@@ -38,7 +38,7 @@ class SEEING_WIND_OT_add_wind(DirectOperator, bpy.types.Operator):
     )  # fmt: skip
 
     def act(self, context):
-        """Its place and strength can be changed at will."""
+        """Append the wind at the 3D cursor, select it, and calibrate all objects if asked to."""
         from ..solvers.apart import keep_apart, other_kind
         from ..solvers.calibration import has_solver  # needs NumPy
 
@@ -66,7 +66,7 @@ class SEEING_WIND_OT_add_wind_library(DirectOperator, bpy.types.Operator):
     bl_options = {"REGISTER"}
 
     def act(self, context):
-        """Appended, not linked: what is calibrated here must be this file's own."""
+        """List the library. Its winds are appended, not linked, as calibration needs data local to the file."""
         if not shelf.entries(shelf.SHELF):
             raise UsageError("This copy of the extension has no wind library.", "Build it with `make winds`.")
         if shelf.listed() is not None:

@@ -12,11 +12,11 @@ class LibraryTab(Tab):
 
     @classmethod
     def poll(cls, context):
-        """Where this copy of the extension has them."""
+        """Whether this copy of the extension has any winds."""
         return context.scene is not None and bool(shelf.entries(shelf.SHELF))
 
     def fill(self, context, layout):
-        """A menu of all; the asset browser has images of them."""
+        """Draw a menu of all winds; the Asset Browser has images of them."""
         column = layout.column()
         column.operator_menu_enum("seeing_wind.add_wind", "wind", text="Add Wind", icon="FORCE_WIND")
         library = shelf.listed()

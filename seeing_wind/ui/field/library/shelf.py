@@ -1,5 +1,5 @@
-"""The shelf: winds.blend with an asset for each wind, the catalogs of Blender's asset browser, and an index that is read without opening
-the file. `make winds` makes all three. Without NumPy: the panel reads the index.
+"""The shelf: winds.blend with an asset for each wind, the catalogs of Blender's Asset Browser, and an index that can be read without
+opening the file. `make winds` makes all three. Without NumPy, as the panel reads the index.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ BLEND, CATALOGS, INDEX = "winds.blend", "blender_assets.cats.txt", "winds.json"
 
 @dataclass(frozen=True)
 class Entry:
-    """A wind that can be had."""
+    """A wind of the library."""
 
     name: str
     catalog: str
@@ -30,7 +30,7 @@ class Entry:
 
 @functools.cache
 def entries(shelf: Path) -> tuple[Entry, ...]:
-    """The winds of a shelf in their order; none where there is no such shelf.
+    """The winds of a shelf in their order; empty if there is no such shelf.
 
     Raises:
         UsageError: when its index is damaged.
@@ -45,12 +45,12 @@ def entries(shelf: Path) -> tuple[Entry, ...]:
 
 
 def take_down(scene: bpy.types.Scene, collection: bpy.types.Collection, shelf: Path, name: str) -> bpy.types.Object:
-    """Append a wind to a scene, beginning with the scene and going by at its own speed, whatever the frame rate.
+    """Append a wind to a scene. It begins with the scene and plays at its own speed, whatever the frame rate.
 
     Raises:
         UsageError: when the shelf has no such wind.
     """
-    from ..conform import begin_at, set_stride  # need NumPy, as do these
+    from ..conform import begin_at, set_stride  # need NumPy, as does the next
     from .arrows import show_arrows
 
     path = shelf / BLEND
@@ -70,6 +70,6 @@ def take_down(scene: bpy.types.Scene, collection: bpy.types.Collection, shelf: P
 
 
 def listed() -> bpy.types.UserAssetLibrary | None:
-    """The shelf among the asset libraries of Blender's preferences."""
+    """The shelf's entry among the asset libraries in Blender's preferences; None if it is not listed."""
     libraries = bpy.context.preferences.filepaths.asset_libraries
     return next((each for each in libraries if each.path and Path(each.path).resolve() == SHELF.resolve()), None)

@@ -5,8 +5,8 @@ matter         what a calibration needs, and the weight of a field
 particles      particles and hair
 cloth          cloth
 rigid_body     rigid bodies
-apart          forces and winds, which one weight cannot suit together
-in_wind        all of them in moving air
-surface        the faces that air pushes
+apart          keeps forces and winds apart, as no weight suits both
+in_wind        all these solvers in moving air
+surface        the faces that the air pushes
 physics_nodes  Blender 5.2's physics nodes: a companion object that feeds them
 """

@@ -1,8 +1,8 @@
-"""Forces and winds kept apart: one weight of texture force fields cannot suit both, so what moves feels one kind of field only.
+"""Keeping forces and winds apart: one weight of texture force fields cannot suit both, so each moving object feels only one kind.
 
-A force per volume counts thousands of N/m³ and a wind a few m/s, so the weight for a wind lets a force throw a body away, and the still air
-of a wind would slow what moves in a force that has the air's drag in it already. So where a scene has both kinds, each calibrated solver
-gets a collection of effectors without the other kind. Blender's own force fields stay in it.
+A force per volume is thousands of N/m³ and a wind a few m/s, so with the weight for a wind a force would throw a body away. And the still
+air of a wind would slow what moves in a force, which includes the air's drag already. If a scene has both kinds, each calibrated solver
+therefore gets a collection of effectors without the other kind. Blender's own force fields stay in it.
 """
 
 from __future__ import annotations
@@ -15,20 +15,20 @@ from ..display import FELT, SLOWS, home_of, is_field, is_wind
 from .in_wind import one_still_air
 
 ONLY = "only"
-"""In place of a kind: a collection for one field alone."""
+"""Value of `FELT`, in place of a kind, for a collection of one field alone."""
 
 
 def keep_apart(scene: bpy.types.Scene) -> None:
-    """Let everything that is calibrated feel the kind of field that it was calibrated for, as the scene's fields are now."""
+    """Make every calibrated object feel only the kind of field it was calibrated for, given the scene's present fields."""
     one_still_air(scene)
-    for entry in scene.seeing_wind.calibrations:  # the rigid bodies' one weight is set for the last
+    for entry in scene.seeing_wind.calibrations:  # in order: the common weight of rigid bodies is that of the last entry
         known = entry.object is not None and entry.object.library is None and entry.field is not None
         if known and scene in entry.field.users_scene:
             choose_effectors(scene, entry.object, entry.field, entry.alone)
 
 
 def choose_effectors(scene: bpy.types.Scene, obj: bpy.types.Object, field: bpy.types.Object, alone: bool) -> None:
-    """Let an object's solvers feel the fields of one kind, or only one field; a collection that the user has chosen stays."""
+    """Make an object's solvers feel the fields of one kind, or with `alone` only this field. Unless `alone`, a collection that the user chose stays."""
     chosen = _only(scene, field) if alone else _of_kind(scene, field)
     for weights in _weights(scene, obj):
         if alone or weights.collection is None or FELT in weights.collection:
@@ -36,7 +36,7 @@ def choose_effectors(scene: bpy.types.Scene, obj: bpy.types.Object, field: bpy.t
 
 
 def said_of_others(scene: bpy.types.Scene, obj: bpy.types.Object, field: bpy.types.Object, alone: bool) -> Iterator[str]:
-    """Which fields of the scene an object does not feel, or should not."""
+    """Messages on which fields of the scene an object does not feel, or should not feel."""
     others = [] if alone else sorted(other.name for other in other_kind(scene, field))
     collections = [weights.collection for weights in _weights(scene, obj)]
     if not others or not collections:
@@ -51,7 +51,7 @@ def said_of_others(scene: bpy.types.Scene, obj: bpy.types.Object, field: bpy.typ
 
 
 def _weights(scene: bpy.types.Scene, obj: bpy.types.Object) -> Iterator[bpy.types.EffectorWeights]:
-    """Of all solvers of an object that a calibration sets."""
+    """Effector weights of all solvers of an object that a calibration sets."""
     yield from (system.settings.effector_weights for system in obj.particle_systems)
     yield from (modifier.settings.effector_weights for modifier in obj.modifiers if modifier.type == "CLOTH")
     body = obj.rigid_body
@@ -60,12 +60,12 @@ def _weights(scene: bpy.types.Scene, obj: bpy.types.Object) -> Iterator[bpy.type
 
 
 def other_kind(scene: bpy.types.Scene, field: bpy.types.Object) -> list[bpy.types.Object]:
-    """The winds of a scene beside a force, or its forces beside a wind."""
+    """The winds of a scene if the field is a force, or its forces if the field is a wind."""
     return [obj for obj in scene.objects if is_field(obj) and is_wind(obj) != is_wind(field)]
 
 
 def _of_kind(scene: bpy.types.Scene, field: bpy.types.Object) -> bpy.types.Collection | None:
-    """All effectors of the scene but those of the other kind; None where there is no other kind."""
+    """A collection of all effectors of the scene except the other kind's; None if the scene has no field of the other kind."""
     others = other_kind(scene, field)
     if not others:
         return None
@@ -75,7 +75,8 @@ def _of_kind(scene: bpy.types.Scene, field: bpy.types.Object) -> bpy.types.Colle
 
 
 def _only(scene: bpy.types.Scene, field: bpy.types.Object) -> bpy.types.Collection:
-    """The field's collection where it has that to itself, else one that holds nothing but the field; and what slows in a wind."""
+    """A collection with no other recovered field: the field's own if it has one to itself, else one with the field alone. For a wind it
+    includes the companion that slows."""
     slows = [obj for obj in scene.objects if SLOWS in obj] if is_wind(field) else []
     home = home_of(field, scene)
     if home != scene.collection and not any(is_field(obj) and obj != field for obj in home.all_objects):
@@ -86,7 +87,7 @@ def _only(scene: bpy.types.Scene, field: bpy.types.Object) -> bpy.types.Collecti
 
 
 def _acts(obj: bpy.types.Object) -> bool:
-    """Whether it pushes as a force field, or its particles do."""
+    """Whether an object, or its particles, act as a force field."""
     forces = (force for system in obj.particle_systems for force in (system.settings.force_field_1, system.settings.force_field_2))
     return any(each is not None and each.type != "NONE" for each in (obj.field, *forces))
 
@@ -97,7 +98,7 @@ def _collection(scene: bpy.types.Scene, mark: str, name: str, felt: list[bpy.typ
 
 
 def _made(scene: bpy.types.Scene, mark: str, name: str) -> bpy.types.Collection:
-    """In the scene, so that the user finds it, and what is deleted there is out of it; but it shows nothing that is hidden elsewhere."""
+    """A new collection, linked to the scene so that users find it and deleted objects leave it, but excluded so that it reveals nothing hidden."""
     made = bpy.data.collections.new(name)
     made[FELT] = mark
     scene.collection.children.link(made)

@@ -1,15 +1,15 @@
-"""Letting Blender's own solvers feel a field object as the engine's bodies do: matter of density rho accelerates by f / rho.
+"""Making Blender's own solvers feel a field object as the engine's bodies do: matter of density rho accelerates by f / rho.
 
-Blender has no force per volume, and every solver counts a texture field's force S in its own way. Measured in Blender 4.5 and 5.2, with the
-effector weight W, m the solver's mass:
+Blender has no force per volume, and every solver applies a texture field's force S in its own way. Accelerations measured in Blender 4.5
+and 5.2, with the effector weight W and the solver's mass m:
 
-    particles     W S / m per second², a frame being the particle system's time step
+    particles     W S / m per second², where a frame lasts the particle system's time step
     hair          0.01 W S / m per frame²
-    cloth         0.02 W S A / M per frame², A the whole area and M the mass of all vertices
+    cloth         0.02 W S A / M per frame², with the total area A and the mass M of all vertices
     rigid body    W S / m per second², at the origin, no torque; W belongs to the world, not to the body
 
-So W follows from wanting f / rho per second², one scene frame being one clip frame. A field that carries a wind pushes otherwise,
-and only cloth and particles, see `in_wind`. What a solver cannot do comes back as notes.
+W is chosen so that the acceleration is f / rho per second², with one scene frame per clip frame. A field that carries a wind pushes in
+another way, see `in_wind`. What a solver cannot do is returned as notes.
 """
 
 from __future__ import annotations
@@ -39,21 +39,21 @@ def calibrate_object(
     set_mass: bool = False,
     areal_density: float = SHIRTING,
 ) -> list[str]:
-    """Set all of an object's solvers so that it accelerates by f / density in the field [m/s²], or as the air's drag makes it in a wind.
+    """Set all of an object's solvers so that it accelerates by f / density [m/s²] in a field, or by the air's drag in a wind.
 
     Args:
         obj: with a particle system, hair, cloth, rigid body, or (Blender 5.2) physics nodes.
         field: made by `create_field_object`.
         density: [kg/m³]; None takes that of the recovered material.
-        alone: feel no effector but those in the field object's collection, or but the field where other fields are in that.
-        set_mass: change a rigid body's mass where the one weight of its world was set for another body.
+        alone: feel only the effectors in the field object's collection, or only the field if that collection contains other fields.
+        set_mass: change a rigid body's mass if the common weight of its world was set for another body.
         areal_density: of cloth in a wind [kg/m²].
 
     Returns:
         A line for every solver found, saying what was set and what that solver cannot do.
 
     Raises:
-        UsageError: when the object has no solver, or Blender takes no such weight.
+        UsageError: when the object has no solver, or Blender does not allow the weight.
     """
     what = matter(scene, field, density, areal_density)
     said = [line for solver in SOLVERS for line in solver(scene, obj, what, set_mass)]

@@ -15,13 +15,13 @@ from .matter import Matter
 from .surface import area_of, faces_of
 
 CLOTH_FACTOR = 0.02
-"""Blender's own constant in what cloth makes of a force."""
+"""Blender's constant factor on forces on cloth."""
 STIFF = 4.0
-"""Above this stiffness over mass per substep² Blender's cloth solver stops early and loses percents of the force (measured: 7 % at 12)."""
+"""Stiffness / (mass x substeps²) above which Blender's cloth solver stops early and loses some percent of the force (measured: 7 % at 12)."""
 
 
 def cloth(scene: bpy.types.Scene, obj: bpy.types.Object, what: Matter, set_mass: bool) -> Iterator[str]:
-    """The cloth of an object, and a line that says what was set."""
+    """Calibrate the cloth of an object; yields a line that says what was set."""
     modifier = next((modifier for modifier in obj.modifiers if modifier.type == "CLOTH"), None)
     if modifier is None:
         return
@@ -50,13 +50,13 @@ def _said_of_stiffness(settings: bpy.types.ClothSettings) -> str:
 
 
 def _cloth_in_wind(obj: bpy.types.Object, settings: bpy.types.ClothSettings, area: float, vertices: int, what: Matter) -> str:
-    """A sheet of the areal density, whatever its vertices weigh in Blender: only what pushes over what is pushed counts."""
+    """Calibrate a sheet of the given areal density, whatever its vertices weigh in Blender: only the ratio of push to mass matters."""
     if settings.time_scale != 1.0:
         raise UsageError(f"The cloth {obj.name} runs at a speed of {settings.time_scale:g}.", "Set its Speed Multiplier to 1.")
     rate = rate_of_cloth(what.field, what.areal_density)
     weight = rate * settings.mass * vertices / (CLOTH_FACTOR * area * what.clip_fps**2)
-    # A cloth's velocity is per frame. A smaller vertex mass would make the cloth so stiff for it that Blender's solver stops early and
-    # loses half of the push: so the weight may become large.
+    # A cloth's velocity is per frame. A smaller vertex mass would make the cloth too stiff for its mass, so that Blender's solver stops
+    # early and loses half of the push: so the weight is allowed to become large.
     said = f"Cloth: {in_units(what.areal_density, 'kg/m²')} in the wind. "
     said += weigh_wind(what, settings.effector_weights, weight, weight * what.clip_fps / FLOW, "Give the cloth a smaller vertex mass.")
     what.fall(settings.effector_weights)
@@ -65,10 +65,10 @@ def _cloth_in_wind(obj: bpy.types.Object, settings: bpy.types.ClothSettings, are
 
 
 def _area_before(obj: bpy.types.Object, cloth: bpy.types.Modifier) -> tuple[float, int]:
-    """Area [scene units²] and vertices of the mesh that a cloth modifier gets, in the world.
+    """World-space area [scene units²] and number of vertices of the mesh that is the input of a cloth modifier.
 
     Raises:
-        UsageError: when it has no faces.
+        UsageError: when the mesh has no faces.
     """
     behind = list(obj.modifiers)[obj.modifiers.find(cloth.name) :]
     shown = [modifier.show_viewport for modifier in behind]

@@ -1,12 +1,12 @@
 """Blender's solvers in a wind: bodies are pushed by the air's velocity relative to their own, w = u - v, over their own area.
 
 Blender's texture force field with S = u pushes a face by 0.02 W A (u . n) n, a particle or rigid body by W u, and a point of a hair by
-0.01 W u. It knows nothing of v; that is what a companion of the field object does, a wind of no strength: its *Flow* F pushes a face by
--0.02 W' F A (v . n) n, a particle or rigid body by -W' F v, and a point of a hair by -0.01 W' F v, with v of cloth and hair per frame.
+0.01 W u. It does not depend on v; a companion of the field object adds that term, a wind of strength zero: its *Flow* F pushes a face by
+-0.02 W' F A (v . n) n, a particle or rigid body by -W' F v, and a point of a hair by -0.01 W' F v, with v per frame for cloth and hair.
 W and W' are the weights of texture and of wind fields (measured in Blender 4.5 and 5.2).
 
-The drag of air is quadratic, half rho C |w| (w . n) n; Blender's is linear, so the factor |w| is held at one speed: that at which a body at
-rest in this wind feels the same in the mean (`field_object.linear_drag`). Nothing pushes along a face, where air rubs only lightly.
+The drag of air is quadratic, half rho C |w| (w . n) n; Blender's is linear, so the factor |w| is fixed at one speed, the best fit for a
+body at rest in this wind (`field_object.linear_drag`). There is no force along a face, where the friction of air is small.
 """
 
 from __future__ import annotations
@@ -21,18 +21,18 @@ from ..display import BLOWS, DRAG, LINEAR, SLOWS, home_of, is_field, is_wind, sh
 from .matter import WEIGHT_LIMIT, Matter
 
 FLOW = 10.0
-"""Of the companion: as much as Blender takes, so that weights of wind fields stay small."""
+"""*Flow* of the companion: the largest value that Blender allows, so that the weights of wind fields stay small."""
 SPHERE = 2.0 / 3.0
-"""Drag of a sphere over that of its disk, by the same law: pressure on its windward half."""
+"""Ratio of the drag of a sphere to that of its disk, by the same law: pressure on the windward half."""
 COARSE = 0.5
-"""Of the relative velocity lost in one substep. Above this Blender's explicit drag overshoots."""
+"""Share of the relative velocity lost in one substep above which Blender's explicit drag is too coarse."""
 
 
 def held_speed(field: bpy.types.Object) -> float:
-    """The speed [m/s] at which Blender's drag is right, as the field's strength is set.
+    """The speed [m/s] at which Blender's drag is right for the field's present strength.
 
     Raises:
-        UsageError: when no wind blows in it.
+        UsageError: when the field has no wind, or a strength of zero.
     """
     speed = abs(share(field)) * field[LINEAR][0]
     if not speed > 0.0:
@@ -41,38 +41,38 @@ def held_speed(field: bpy.types.Object) -> float:
 
 
 def rate_of_cloth(field: bpy.types.Object, areal_density: float) -> float:
-    """Share of its velocity relative to the air that a plate across it loses per second [1/s]; `areal_density` in kg/m²."""
+    """Rate [1/s] at which a plate across the wind loses its velocity relative to the air; `areal_density` in kg/m²."""
     return field[DRAG] * held_speed(field) / areal_density
 
 
 def rate_of_spheres(field: bpy.types.Object, density: float, radius: float) -> float:
-    """The same for spheres of a density [kg/m³] and radius [m]."""
+    """The same rate [1/s] for spheres of a density [kg/m³] and radius [m]."""
     return field[DRAG] * held_speed(field) * SPHERE * math.pi * radius**2 / (density * 4.0 / 3.0 * math.pi * radius**3)
 
 
 def drag_of_surface(field: bpy.types.Object, surface: float) -> float:
-    """The drag of a body that is turned every way over its velocity relative to the air, in the mean [kg/s].
+    """Drag of a body divided by its velocity relative to the air [kg/s], averaged over all orientations.
 
     Args:
-        surface: all of it [m²], both sides of what is flat. A piece of area A at an angle a to the wind resists by A cos²(a), a third of A
-            in the mean, and one of two is in the lee: a sixth. For a ball it is exactly `SPHERE`.
+        surface: total area [m²], both sides of flat parts. A piece of area A whose normal is at an angle a to the wind contributes
+            A cos²(a), A / 3 in the mean, and half of the pieces are in the lee: A / 6. For a ball this is exactly `SPHERE`.
     """
     return field[DRAG] * held_speed(field) * surface / 6.0
 
 
 def rate_of_strands(field: bpy.types.Object, density: float, diameter: float) -> float:
-    """Share of its velocity across itself that a round strand loses per second [1/s]; density in kg/m³, diameter in m.
+    """Rate [1/s] at which a round strand loses its velocity across itself; density in kg/m³, diameter in m.
 
-    Over the windward half of a cylinder of diameter d, cos² of the angle to the wind comes to pi d / 4 for each metre.
+    Integrated over the windward half of a cylinder of diameter d, cos² of the angle to the wind gives pi d / 4 per metre.
     """
     return field[DRAG] * held_speed(field) / (density * diameter)
 
 
 def weigh_wind(what: Matter, weights: bpy.types.EffectorWeights, push: float, slowing: float, mend: str) -> str:
-    """Set the weights of the field (`push`) and of the companion that slows (`slowing`); returns what else that changes, or "".
+    """Set the weights of the field (`push`) and of the companion (`slowing`). Returns a message on side effects, or "".
 
     Raises:
-        UsageError: when Blender takes no such weights.
+        UsageError: when Blender does not allow these weights.
     """
     times = max(1.0, push / WEIGHT_LIMIT, slowing / WEIGHT_LIMIT)
     what.weigh(weights, push / times, mend)
@@ -84,9 +84,9 @@ def weigh_wind(what: Matter, weights: bpy.types.EffectorWeights, push: float, sl
 
 
 def still_air(scene: bpy.types.Scene, field: bpy.types.Object) -> bpy.types.Object:
-    """The companion of a field object that slows what moves in its wind, made and linked to the scene where there is none.
+    """The companion of a field object that slows what moves in its wind; made and linked to the scene if there is none.
 
-    Of several winds one has it: it acts everywhere, and two would slow twice.
+    Several winds share one companion: it acts everywhere, and two would slow twice.
     """
     airs = [obj for obj in scene.objects if SLOWS in obj]
     of_winds = (air for air in airs if _blows_in(scene, air[SLOWS]))
@@ -102,7 +102,7 @@ def still_air(scene: bpy.types.Scene, field: bpy.types.Object) -> bpy.types.Obje
     air.type, air.shape, air.strength, air.falloff_power, air.wind_factor, air.noise = "WIND", "POINT", 0.0, 0.0, 1.0, 0.0
     air.use_absorption, air.apply_to_rotation = False, False
     obj.parent, obj.empty_display_size, obj.hide_select = field, 0.01, True
-    # only where solvers feel the wind, and not the force
+    # active only if solvers feel the wind, not the force
     driver = obj.driver_add("field.flow").driver
     variable = driver.variables.new()
     variable.name, variable.targets[0].id, variable.targets[0].data_path = "blows", field, f'["{BLOWS}"]'
@@ -111,7 +111,7 @@ def still_air(scene: bpy.types.Scene, field: bpy.types.Object) -> bpy.types.Obje
 
 
 def one_still_air(scene: bpy.types.Scene) -> None:
-    """Leave one companion that slows: of a wind where the scene has any, and of no field that has been deleted."""
+    """Keep a single companion in the scene: one of a wind, if there is any, and never that of a deleted field."""
     airs = [obj for obj in scene.objects if SLOWS in obj and obj.library is None]
     winds = [obj for obj in scene.objects if _blows_in(scene, obj)]
     there = [air for air in airs if air[SLOWS] is not None and scene in air[SLOWS].users_scene]
@@ -128,7 +128,7 @@ def _blows_in(scene: bpy.types.Scene, obj: bpy.types.Object | None) -> bool:
 
 
 def said_of_drag(field: bpy.types.Object, rate: float, substeps_per_second: float) -> str:
-    """How far Blender's drag is off the law of the recovery, and what to do where its steps are too coarse."""
+    """A message on the error of Blender's drag relative to the recovery's drag law, and on what to do if its steps are too coarse."""
     speed, off = held_speed(field), 100.0 * field[LINEAR][1]
     said = (
         f"Blender's drag is linear: right at {in_figures(speed, 2)} m/s relative to the air, {off:.0f} % off on what stands still in this "

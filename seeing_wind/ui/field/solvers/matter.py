@@ -1,4 +1,4 @@
-"""What a calibration needs to know, and the weights by which an object feels a field object."""
+"""The input of a calibration, and the weights with which an object feels a field object."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from ....engine.errors import UsageError
 from ..display import frames_per_second, stride_of
 
 WEIGHT_LIMIT = 200.0
-"""Largest effector weight that Blender takes."""
+"""Largest effector weight that Blender allows."""
 FRAME_GRAVITY = 1.0e-3
-"""Hair and cloth fall by this times the scene's gravity per frame², whatever the frame rate."""
+"""Acceleration of hair and cloth per frame², relative to the scene's gravity, whatever the frame rate."""
 SHIRTING = 0.12
 """Areal density of cotton [kg/m²]."""
 
 
 @dataclass(frozen=True)
 class Matter:
-    """What a field object is to feel like."""
+    """The field and the material for which a solver is calibrated."""
 
     field: bpy.types.Object
     density: float
-    """kg/m³."""
+    """Of the matter [kg/m³]."""
     clip_fps: float
-    """Scene frames in a second of the clip."""
+    """Scene frames per second of the clip."""
     scene_fps: float
     areal_density: float
     """Of cloth in a wind [kg/m²]."""
@@ -35,14 +35,14 @@ class Matter:
         """Set the weight of texture force fields.
 
         Raises:
-            UsageError: when Blender takes no such weight.
+            UsageError: when Blender does not allow the weight.
         """
         if not 0.0 < weight <= WEIGHT_LIMIT:
             raise UsageError(f"The field's weight would have to be {in_figures(weight)}, Blender takes up to {WEIGHT_LIMIT:g}.", mend)
         weights.all, weights.texture = 1.0, weight
 
     def fall(self, weights: bpy.types.EffectorWeights, speed: float = 1.0) -> None:
-        """Make a solver that counts gravity per frame² fall as fast as the clip; gravity that is off stays off."""
+        """Set gravity for a solver that applies it per frame², so that bodies fall as fast as in the clip; a weight of zero is kept."""
         if weights.gravity:
             weights.gravity = min(1.0 / (FRAME_GRAVITY * (self.clip_fps * speed) ** 2), WEIGHT_LIMIT)
 

@@ -14,7 +14,7 @@ from .in_wind import FLOW, rate_of_spheres, rate_of_strands, said_of_drag, still
 from .matter import Matter, matter
 
 HAIR_FACTOR = 0.01
-"""Blender's own constant in what hair makes of a force."""
+"""Blender's constant factor on forces on hair."""
 
 
 def calibrate_particles(
@@ -24,10 +24,10 @@ def calibrate_particles(
     mass: float | None = None,
     density: float | None = None,
 ) -> None:
-    """Let a particle system feel a field object: every particle accelerates by f / density [m/s²].
+    """Calibrate a particle system for a field object: every particle accelerates by f / density [m/s²], or by its drag in a wind.
 
     Args:
-        settings: changed: mass, the weight of texture force fields, the time step (one frame = one clip frame).
+        settings: modified: mass, the weight of texture force fields, the time step (one frame = one clip frame), damping.
         field: made by `create_field_object`.
         mass: of a particle [kg]; None keeps the present one. It does not change the acceleration.
         density: [kg/m³]; None takes that of the recovered material.
@@ -47,7 +47,7 @@ def calibrate_particles(
 
 
 def particles(scene: bpy.types.Scene, obj: bpy.types.Object, what: Matter, set_mass: bool) -> Iterator[str]:
-    """Particle systems and hair of an object, a line for each."""
+    """Calibrate the particle systems and hair of an object; yields a line for each."""
     for system in obj.particle_systems:
         if system.settings.type == "HAIR":
             yield _hair(system, what)
@@ -69,14 +69,14 @@ def _in_wind(system: bpy.types.ParticleSystem, what: Matter) -> str:
 
 
 def _radius(settings: bpy.types.ParticleSettings) -> float:
-    """Of a particle as it is drawn [m]."""
+    """Radius of a particle as drawn [m]."""
     return settings.particle_size * metres_per_unit(bpy.context.scene)
 
 
 def _hair(system: bpy.types.ParticleSystem, what: Matter) -> str:
     if not system.use_hair_dynamics or system.cloth is None:
         return f"Hair {system.name}: does not move until Hair Dynamics is on; switch it on and calibrate again"
-    settings, weights = system.cloth.settings, system.settings.effector_weights  # the cloth's own weights count for nothing here
+    settings, weights = system.cloth.settings, system.settings.effector_weights  # the weights of the cloth settings have no effect here
     if is_wind(what.field):
         return _hair_in_wind(system, settings, weights, what)
     weight = settings.mass / (HAIR_FACTOR * what.density * what.clip_fps**2 * settings.time_scale**2)
@@ -89,7 +89,7 @@ def _hair(system: bpy.types.ParticleSystem, what: Matter) -> str:
 def _hair_in_wind(
     system: bpy.types.ParticleSystem, settings: bpy.types.ClothSettings, weights: bpy.types.EffectorWeights, what: Matter
 ) -> str:
-    """Round strands as thick as they are drawn. Blender pushes along a strand as across it; along it the strand holds itself."""
+    """Calibrate round strands with the thickness they are drawn with. Blender pushes equally along a strand, where it resists stretching."""
     if settings.time_scale != 1.0:
         raise UsageError(f"The hair {system.name} runs at a speed of {settings.time_scale:g}.", "Set its Speed Multiplier to 1.")
     drawn = system.settings
@@ -99,7 +99,7 @@ def _hair_in_wind(
     rate = rate_of_strands(what.field, what.density, diameter)
     push = rate * settings.mass / (HAIR_FACTOR * what.clip_fps**2)
     said = f"Hair {system.name}: strands of {in_units(diameter, 'm')} and {what.density:g} kg/m³ in the wind; the roots are held. "
-    # its velocity is per frame
+    # the velocity of hair is per frame
     said += weigh_wind(what, weights, push, push * what.clip_fps / FLOW, "Give the hair a smaller mass.")
     what.fall(weights)
     settings.air_damping = 0.0

@@ -1,8 +1,8 @@
-"""The recovered wind for Blender 5.2's physics nodes (Cloth Dynamics, Hair Dynamics and what else takes effectors).
+"""The recovered wind for Blender 5.2's physics nodes (Cloth Dynamics, Hair Dynamics and other groups with effectors).
 
-These take effectors from a collection: objects whose geometry carries a force. So the field gets a companion object without vertices
-whose modifier is *Sample Wind* -> Blender's own *Custom Force* -> *Set Effector*. Forces are newtons on a point, so the companion
-multiplies f / density by the points' mass, as Blender's own gravity does; one companion serves one density.
+They read effectors from a collection: objects whose geometry carries a force. So the field gets a companion object without vertices,
+whose modifier chains *Sample Wind* -> Blender's own *Custom Force* -> *Set Effector*. Forces are in newtons per point, so the companion
+multiplies f / density by the points' mass, as Blender's own gravity does; there is one companion per density.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from ..samples import sample_wind_group, samples_of
 ASSETS = "assets/nodes/geometry_nodes_dynamics_assets.blend"
 PARTS = ("Custom Force", "Set Effector")
 EFFECTORS = "Effectors Collection"
-"""Name of the input by which Blender's simulation groups take effectors."""
+"""Name of the effectors input of Blender's simulation groups."""
 COMPANION = "seeing_wind_effector_density"
 """Custom property of a companion: its density [kg/m³]."""
 WEAK_SUBSTEPS = 5
-"""At this number Blender 5.2's solver lets gravity and forces act at 0.6; 1, 2, 10 and 20 give 0.99 to 1.00 (measured)."""
+"""Number of substeps at which Blender 5.2's solver scales gravity and forces by 0.6; 1, 2, 10 and 20 give 0.99 to 1.00 (measured)."""
 
 
 def feed(scene: bpy.types.Scene, obj: bpy.types.Object, field: bpy.types.Object, density: float) -> Iterator[str]:
-    """Let every physics group among an object's Geometry Nodes modifiers feel the field; a line for each.
+    """Make every physics group among an object's Geometry Nodes modifiers feel the field; yields a line for each.
 
     Raises:
         UsageError: when the field's values are gone, or this Blender lacks the assets.
@@ -52,13 +52,13 @@ def feed(scene: bpy.types.Scene, obj: bpy.types.Object, field: bpy.types.Object,
 
 
 def takes_effectors(group: bpy.types.NodeTree) -> bool:
-    """Whether a node group, or one in it, takes effectors."""
+    """Whether a node group, or a group inside it, has an input for effectors."""
     direct = any(item.item_type == "SOCKET" and item.in_out == "INPUT" and item.name == EFFECTORS for item in group.interface.items_tree)
     return direct or any(node.type == "GROUP" and EFFECTORS in node.inputs for node in group.nodes)
 
 
 def effector(scene: bpy.types.Scene, field: bpy.types.Object, density: float) -> bpy.types.Object:
-    """The companion of a field object for matter of a density, made when there is none.
+    """The companion of a field object for matter of a density [kg/m³]; made if there is none.
 
     Raises:
         UsageError: when the field's values are gone, or this Blender lacks the assets.
@@ -88,7 +88,7 @@ def effector(scene: bpy.types.Scene, field: bpy.types.Object, density: float) ->
     obj[COMPANION] = density
     obj.hide_render = True
     home_of(field, scene).objects.link(obj)
-    # only for the outliner and for deleting: the force follows the field object through Sample Wind
+    # parented only for the outliner and for deletion: the force follows the field object through Sample Wind
     obj.parent, obj.matrix_parent_inverse = field, field.matrix_world.inverted()
     for channel in ("LOCATION", "ROTATION"):
         _stay(obj, channel)
@@ -102,7 +102,7 @@ def companions(field: bpy.types.Object | None) -> list[bpy.types.Object]:
 
 
 def follow(objects: list[bpy.types.Object], field: bpy.types.Object) -> None:
-    """Let companions of a former field object carry this one, so that what was calibrated stays so."""
+    """Let companions of a former field object use this one, so that calibrated objects stay calibrated."""
     samples = samples_of(field)
     for obj in objects:
         obj.parent, obj.matrix_parent_inverse = field, field.matrix_world.inverted()
@@ -138,7 +138,7 @@ def _asset(name: str) -> bpy.types.NodeTree:
 
 
 def _with(collection: bpy.types.Collection | None, companion: bpy.types.Object, field: bpy.types.Object) -> bpy.types.Collection:
-    """The user's collection of effectors, or one made for this companion, with the companion in it and no other one of the field."""
+    """The user's collection of effectors, or one made for this companion, with this as the field's only companion in it."""
     if collection is None:
         collection = bpy.data.collections.get(companion.name) or bpy.data.collections.new(companion.name)
     for other in [each for each in collection.objects if each.parent == field and COMPANION in each and each != companion]:

@@ -15,13 +15,13 @@ from .matter import Matter
 from .surface import surface_of
 
 BODY, SURFACE = "seeing_wind_volume", "seeing_wind_surface"
-"""Custom properties of a scene: the volume [m³], or in a wind the surface [m²], for which the weight of its rigid bodies was set."""
+"""Custom properties of a scene: the volume [m³] (or, in a wind, the surface [m²]) for which the common weight of rigid bodies was set."""
 MASSES = "seeing_wind_masses"
-"""Custom property of a rigid body: its own mass, and the one that it was given so that the weight suits it [kg]."""
+"""Custom property of a rigid body: its own mass, and the mass it was given so that the common weight suits it [kg]."""
 
 
 def rigid_body(scene: bpy.types.Scene, obj: bpy.types.Object, what: Matter, set_mass: bool) -> Iterator[str]:
-    """The rigid body of an object, and a line that says what was set."""
+    """Calibrate the rigid body of an object; yields a line that says what was set."""
     body, world = obj.rigid_body, scene.rigidbody_world
     if body is None or world is None:
         return
@@ -33,7 +33,7 @@ def rigid_body(scene: bpy.types.Scene, obj: bpy.types.Object, what: Matter, set_
     if is_wind(what.field):
         yield _in_wind(scene, obj, what, set_mass, others)
         return
-    # W of one cubic metre: what remains is the body's volume
+    # W for one cubic metre; it is then multiplied by the body's volume
     per_volume = what.scene_fps**2 / (what.clip_fps**2 * world.time_scale**2)
     if set_mass and BODY in scene:
         body.mass = scene[BODY] * what.density
@@ -47,7 +47,7 @@ def rigid_body(scene: bpy.types.Scene, obj: bpy.types.Object, what: Matter, set_
 
 
 def _in_wind(scene: bpy.types.Scene, obj: bpy.types.Object, what: Matter, set_mass: bool, others: str) -> str:
-    """A body of its own mass and surface, as if it tumbled: Blender pushes it the same however it stands to the wind."""
+    """Calibrate a body with its own mass and surface as if it tumbled: Blender's push does not depend on the orientation."""
     body, world = obj.rigid_body, scene.rigidbody_world
     surface = surface_of(obj) * metres_per_unit(scene) ** 2
     if not surface > 0.0:
@@ -58,7 +58,7 @@ def _in_wind(scene: bpy.types.Scene, obj: bpy.types.Object, what: Matter, set_ma
     body.mass = mass * shared / surface
     obj[MASSES], scene[SURFACE] = (mass, body.mass), shared
     drag = drag_of_surface(what.field, shared)
-    # the wind goes by so many times faster in the rigid bodies' seconds than in the clip's
+    # factor by which the wind is faster in the rigid bodies' time than in the clip's
     faster = what.scene_fps / (what.clip_fps * world.time_scale)
     line = f"Rigid body: {in_units(mass, 'kg')} and {in_units(surface, 'm²')} of surface in the wind, as if it tumbled; "
     line += "the wind does not turn it. "
@@ -73,7 +73,7 @@ def _in_wind(scene: bpy.types.Scene, obj: bpy.types.Object, what: Matter, set_ma
 
 
 def _others(world: bpy.types.RigidBodyWorld, obj: bpy.types.Object) -> str:
-    """Names of other bodies that move freely; "" without any."""
+    """Names of up to three other bodies that move freely; "" if there are none."""
     names = [
         other.name
         for other in (world.collection.objects if world.collection else ())

@@ -1,4 +1,4 @@
-"""The surface of a mesh as solvers get it."""
+"""The surface of a mesh as solvers see it."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 
 
 def faces_of(obj: bpy.types.Object) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices (V, 3) [scene units] in the world, and triangles (F, 3), of an object with the modifiers that it shows."""
+    """World-space vertices (V, 3) [scene units] (without the object's location), and triangles (F, 3), with the visible modifiers applied."""
     evaluated = obj.evaluated_get(bpy.context.evaluated_depsgraph_get())
     mesh = evaluated.to_mesh()
     mesh.calc_loop_triangles()
@@ -21,13 +21,13 @@ def faces_of(obj: bpy.types.Object) -> tuple[np.ndarray, np.ndarray]:
 
 
 def area_of(places: np.ndarray, corners: np.ndarray) -> float:
-    """Area of triangles (F, 3) of vertices (V, 3), one side of each."""
+    """Total area of triangles (F, 3) with vertices (V, 3), counting one side of each."""
     a, b, c = (places[corners[:, k]] for k in range(3))
     return 0.5 * float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
 
 
 def surface_of(obj: bpy.types.Object) -> float:
-    """What air touches of an object [scene units²]: a closed mesh from outside, an open one from both sides."""
+    """Area of an object that is exposed to air [scene units²]: the outside of a closed mesh, both sides of an open one."""
     places, corners = faces_of(obj)
     edges = np.sort(np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]]), axis=1)
     is_open = (np.unique(edges, axis=0, return_counts=True)[1] == 1).any()

@@ -1,7 +1,7 @@
-"""A field on a lattice as one texture that Blender's force field of the type Texture reads: one look-up a place, however many nodes.
+"""A field on a lattice as one texture for Blender's force field of type *Texture*: one look-up per point, however many nodes.
 
 atlas      the lattice of all frames as one packed image
-followers  small textures that say the current frame and how the field object is turned
-tree       the texture nodes that read the atlas between its nodes
-reach      what becomes of the field beside its box
+followers  small textures that hold the current frame and the rotation of the field object
+tree       the texture nodes that interpolate in the atlas
+reach      how the field behaves outside its box
 """

@@ -1,8 +1,8 @@
 """The lattice of all frames as one image, packed into the file: float pixels without a color space.
 
 A tile of the image is one layer of the lattice, x to the right and y upwards. Layers of growing z stand side by side, frames one above
-the other. Blender gives a texture force field 0.5 minus the color, so the colors are 0.5 minus the field over twice its largest component,
-between 0 and 1. Alpha keeps their sum, which the nodes need to turn the field (see `tree`).
+the other. Blender's texture force field has the value 0.5 minus the color, so the colors, between 0 and 1, are 0.5 minus the field over twice
+its largest component. Alpha holds their sum, which the nodes need to rotate the field (see `tree`).
 """
 
 from __future__ import annotations
@@ -20,24 +20,24 @@ OFFSET, SUM = 0.5, 3.5
 
 @dataclass(frozen=True)
 class Atlas:
-    """An image, and how it is laid out."""
+    """An image of the lattice, and its layout."""
 
     image: bpy.types.Image
     counts: tuple[int, int, int]
     """Nodes of the lattice along x, y, z."""
     frames: int
     strength: float
-    """Of the force field, so that it is felt as the lattice has it."""
+    """Strength that the force field must have, so that solvers feel the values of the lattice."""
 
     @property
     def pixel(self) -> tuple[float, float]:
-        """Width and height of a pixel where the whole image is 2 wide and high, as Blender counts places on it."""
+        """Width and height of a pixel in Blender's image coordinates, in which the whole image is 2 wide and 2 high."""
         width, height = self.image.size
         return 2.0 / width, 2.0 / height
 
 
 def make_atlas(name: str, sampled: SampledField) -> Atlas:
-    """Draw and pack the image of a field; its force is what the image holds."""
+    """Make and pack the image of a field's `force`."""
     strength = 2.0 * float(np.abs(sampled.force).max()) or 1.0
     counts, frames = sampled.counts, len(sampled.force)
     pixels = _pixels(sampled.force / strength, counts)
@@ -49,9 +49,9 @@ def make_atlas(name: str, sampled: SampledField) -> Atlas:
 
 
 def _pixels(force: np.ndarray, counts: tuple[int, int, int]) -> np.ndarray:
-    """(T * ny + 1, nz * nx + 1, 4) of a force (T, L, 3) between -0.5 and 0.5.
+    """Pixels (T * ny + 1, nz * nx + 1, 4) of a force (T, L, 3) between -0.5 and 0.5.
 
-    Blender samples the last row and column of an image wrongly; so there is one more of each, that is never read.
+    Blender samples the last row and column of an image wrongly, so an extra row and column are added that are never read.
     """
     (nx, ny, nz), frames = counts, len(force)
     colors = (0.5 - force).reshape(frames, nx, ny, nz, 3).transpose(0, 2, 3, 1, 4).reshape(frames * ny, nz * nx, 3)

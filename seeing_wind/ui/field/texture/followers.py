@@ -1,7 +1,7 @@
-"""Small textures of one color each that follow the scene: the current frame, and how the field object is turned.
+"""Small textures of one color each that follow the scene: the current frame, and the rotation of the field object.
 
-Blender reads the numbers in texture nodes once and keeps them, but a texture that a node shows is read anew every time. So what changes
-is the color of such a texture, driven by plain arithmetic, which needs no leave to run scripts.
+Blender caches the numbers in texture nodes, but evaluates a texture that a node refers to every time. So what changes is stored in the
+color of such a texture, driven by plain arithmetic, which needs no permission to run scripts.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import bpy
 from ..display import LOOP, STRIDE
 
 COLOR = "color_ramp.elements[0].color"
-"""Where such a texture keeps its color, which Blender keeps from being negative."""
+"""Path of such a texture's color, whose components Blender clamps at 0."""
 
 ROWS = (
     ("1-2*(y*y+z*z)", "2*(x*y-w*z)", "2*(x*z+w*y)"),
@@ -28,11 +28,11 @@ class Followers:
     """Textures of one color each."""
 
     clock: bpy.types.Texture
-    """Red is how far up the image the current frame is."""
+    """Red is the height of the current frame in the image."""
     axes: tuple[bpy.types.Texture, ...]
     """Columns of the rotation matrix, plus 1."""
     base: bpy.types.Texture
-    """1 minus half the sum of the rotation matrix' columns."""
+    """1 minus half the sum of the rotation matrix's columns."""
 
     @property
     def all(self) -> tuple[bpy.types.Texture, ...]:
@@ -41,11 +41,11 @@ class Followers:
 
 
 def make_followers(field: bpy.types.Object, frames: int, height: float, delay: int) -> Followers:
-    """The textures that follow a field object of so many frames.
+    """Make the textures that follow a field object with `frames` frames.
 
     Args:
-        height: of one frame in the image of all.
-        delay: 1 for what solvers feel: they step *to* a frame, so there stands what acts in the middle of the step before.
+        height: of one frame in the image of all frames.
+        delay: 1 for what solvers feel: they step *to* a frame, so it shows what acts in the middle of the step to it.
     """
     at = f"((ceil(frame)-{0.5 * delay}-first)/lasts+0.0001)"
     shown = f"{height!r}*floor(min(max({at}-loops*{frames}*floor({at}/{frames}),0),{frames - 1}))"

@@ -1,6 +1,6 @@
-"""What becomes of a field away from the filmed object, and beside the box in which it is known.
+"""How a field behaves away from the filmed object, and outside the box in which it is known.
 
-The same in the texture that solvers feel, in *Sample Wind*, in VDB files and in a re-simulation (the engine's `Reach`).
+The rule is the same in the texture that solvers feel, in *Sample Wind*, in VDB files and in a re-simulation (the engine's `Reach`).
 """
 
 from __future__ import annotations
@@ -10,31 +10,31 @@ from dataclasses import dataclass
 import numpy as np
 
 FADE, HOLD, CONTINUE = "FADE", "HOLD", "CONTINUE"
-"""It fades to nothing, from the object and once more from the box; it is whole in the box and holds the value of the nearest place of it
-beside it, or weakens there with the distance and never ends."""
+"""FADE: the field fades to zero, with the distance from the object and again with that from the box. HOLD: it is whole in the box, and outside
+has the value of the nearest place in it. CONTINUE: like HOLD, but weaker with distance, never zero."""
 
 FADE_WIDTH = 0.75
-"""Of the box's longest side: over this distance the field fades."""
+"""Distance over which the field fades, relative to the box's longest side."""
 
 POWERS = (0.05, 10.0)
-"""Of the falloff of a field that continues; Blender's slider ends at 10."""
+"""Limits of the falloff's power for a field that continues; Blender's slider ends at 10."""
 
 
 @dataclass(frozen=True)
 class Reach:
-    """How a field of one size ends. Lengths in scene units."""
+    """How a field with a box of a given size ends. Lengths in scene units."""
 
     kind: str
     width: float
-    """Over which a field that fades does so."""
+    """Distance over which a field that fades does so."""
     radius: float
     """Half the box's longest side."""
     power: float
-    """A field that continues has ((1 + radius) / (1 + radius + distance)) ** power of its strength."""
+    """A field that continues has the share ((1 + radius) / (1 + radius + distance)) ** power of its strength."""
 
 
 def reach_of(kind: str, box: np.ndarray) -> Reach:
-    """How the field of a box (2, 3) ends. Its power is 0.5 at a radius of 1 unit, and grows as the box shrinks."""
+    """How the field of a box (2, 3) ends. The power is 0.5 at a radius of 1 unit, and grows as the box shrinks."""
     side = float(np.ptp(box, axis=0).max())
     return Reach(kind, FADE_WIDTH * side, 0.5 * side, float(np.clip(1.0 / max(side, 1e-9), *POWERS)))
 
@@ -51,7 +51,7 @@ def left_of(reach: Reach, distance: np.ndarray) -> np.ndarray:
 
 
 def left_near(reach: Reach, distance: np.ndarray) -> np.ndarray:
-    """Share of the field that is left in its box, at distances from where the filmed object is in that frame."""
+    """Share of the field that is left in its box, at distances from the filmed object in that frame."""
     return left_of(reach, distance) if reach.kind == FADE else np.ones_like(distance)
 
 

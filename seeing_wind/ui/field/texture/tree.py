@@ -1,15 +1,15 @@
-"""The texture that a force field reads: nodes that find a place in the atlas and mix its eight neighbours.
+"""The texture of a force field: nodes that look a point up in the atlas and interpolate between its eight neighbours.
 
-A texture force field gives 0.5 minus the color along the axes of the world, at a place in the field object's own coordinates. So with a
-rotation M and an atlas of h = 0.5 - v / S, the color is to be 0.5 - M (0.5 - h), in which h and the colors that are driven may not be
-negative:
+A texture force field has the value 0.5 minus the color along the world's axes, at a point in the field object's own coordinates. So with
+a rotation M and an atlas of h = 0.5 - v / S, the color must be 0.5 - M (0.5 - h). As h and the driven colors must not be negative, it is
+computed as
 
     color = (1 - M 0.5) + (M + 1) h - (the sum of h, plus 0.5)
 
-Image textures mix four pixels by themselves; that mixes along x and y. Along z two look-ups are mixed.
+Image textures interpolate between four pixels, which covers x and y. Along z, two look-ups are mixed.
 
-What a look-up costs is the number of nodes, as Blender copies some kilobytes for each: so curves, which take a place as one color, clamp
-and scale its three coordinates at once.
+The cost of a look-up is proportional to the number of nodes, as Blender copies some kilobytes for each. So RGB curves, which take a point
+as one color, clamp and scale its three coordinates at once.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ NOTHING = (0.5, 0.5, 0.5, 1.0)
 FLAT = 1e-4
 """A box counts as no flatter than this share of its longest side."""
 LAST = 1e-4
-"""So far before the last layer [layers] a place ends, so that there is always a next layer."""
+"""Points are clamped this far before the last layer [layers], so that there is always a next layer."""
 
 
 class TextureBuilder:
-    """Builds a texture's nodes in few words."""
+    """Concise building of a texture's nodes."""
 
     def __init__(self, texture: bpy.types.Texture) -> None:
         texture.use_nodes = True
@@ -41,7 +41,7 @@ class TextureBuilder:
         self.tree.nodes.clear()
 
     def node(self, kind: str, *inputs: Any, **properties: Any) -> Any:
-        """A node with its properties; its inputs in order, each a value or the output socket to link."""
+        """Add a node with its properties; `inputs` are in order, each a value or the output socket to link."""
         node = self.tree.nodes.new(f"TextureNode{kind}")
         for key, value in properties.items():
             setattr(node, key, value)
@@ -73,15 +73,15 @@ class TextureBuilder:
         return list(self.node("SeparateColor", color).outputs)[:3]
 
     def clamped(self, place: Any, box: np.ndarray, to: np.ndarray) -> Any:
-        """Output socket of a place as one color, moved to the nearest place of a box (2, 3) round the origin, whose corners become `to`."""
+        """Output socket of a point as one color, clamped to a box (2, 3) around the origin and scaled so that the box's corners map to `to`."""
         node = self.node("CurveRGB", place)
         node.mapping.use_clip, node.mapping.extend = False, "HORIZONTAL"
-        # Blender tabulates a curve over its points and over this range: a corner between two entries of the table would be cut off
+        # Blender tabulates a curve over its points and over this range; a corner between two table entries would be cut off
         node.mapping.clip_min_x, node.mapping.clip_max_x = 0.5, 0.5
-        # a place becomes a color as half of it plus a half
+        # Blender turns a point p into the color 0.5 p + 0.5
         ends = 0.5 + 0.5 * np.asarray(box, dtype=float)
         ends[1] = np.maximum(ends[1], ends[0] + FLAT * np.ptp(ends, axis=0).max())
-        # the fourth curve is for all colors, before the others
+        # the fourth curve applies to all channels, before the others
         all_over = (ends.min(), ends.max())
         for curve, begin, end in zip(node.mapping.curves, [*ends.T, all_over], [*to.T, all_over], strict=True):
             for point, x, y in zip(curve.points, begin, end, strict=True):
@@ -91,12 +91,12 @@ class TextureBuilder:
 
 
 def make_texture(name: str, atlas: Atlas, box: np.ndarray, followers: Followers, reach: Reach) -> bpy.types.Texture:
-    """The texture of a field on a lattice.
+    """Make the texture of a field on a lattice.
 
     Args:
         box: (2, 3) of the lattice, in the field object's own coordinates.
-        followers: of that object.
-        reach: how the field ends beside the box.
+        followers: the textures that follow that object.
+        reach: how the field ends outside the box.
     """
     texture = bpy.data.textures.new(name, "NONE")
     build = TextureBuilder(texture)
@@ -110,7 +110,7 @@ def make_texture(name: str, atlas: Atlas, box: np.ndarray, followers: Followers,
 
 
 def parts_of(texture: bpy.types.Texture | None) -> Iterator[bpy.types.Texture | bpy.types.Image]:
-    """A texture with the textures and images that it shows."""
+    """Yield a texture and, recursively, the textures and images that it uses."""
     if texture is None:
         return
     yield texture
@@ -122,7 +122,7 @@ def parts_of(texture: bpy.types.Texture | None) -> Iterator[bpy.types.Texture | 
 
 
 def remove_texture(texture: bpy.types.Texture | None) -> None:
-    """Remove a texture that nothing uses any more, with the textures and images that it alone used."""
+    """Remove a texture that is no longer used, and the textures and images that only it used."""
     if texture is None or texture.users > 0 or texture.library is not None:
         return
     parts = {node.texture for node in texture.node_tree.nodes if node.type == "TEXTURE"} if texture.use_nodes else set()
@@ -135,7 +135,7 @@ def remove_texture(texture: bpy.types.Texture | None) -> None:
 
 
 def _turned_colors(build: TextureBuilder, name: str, atlas: Atlas, followers: Followers) -> Any:
-    """The atlas' color at a place of the image, turned as the field object is."""
+    """Output socket of the atlas's color at a point of the image, rotated like the field object."""
     colors, sums = (_image_texture(f"{name} {part}", atlas.image) for part in ("Colors", "Sums"))
     sums.use_alpha = sums.use_color_ramp = True
     for element, grey in zip(sums.color_ramp.elements, (0.0, SUM), strict=True):
@@ -153,10 +153,10 @@ def _image_texture(name: str, image: bpy.types.Image) -> bpy.types.Texture:
 
 
 def _looked_up(build: TextureBuilder, place: Any, atlas: Atlas, box: np.ndarray, color: Any, followers: Followers) -> Any:
-    """The color between the nodes of the lattice; images reach from -1 to 1."""
+    """Output socket of the color interpolated in the lattice; image coordinates reach from -1 to 1."""
     nx, ny, nz = atlas.counts
     across, along = atlas.pixel
-    # a pixel's own color is in its middle
+    # a pixel has its own color at its centre
     first = np.array([0.5 * across - 1.0, 0.5 * along - 1.0, 0.0])
     last = np.array([(nx - 0.5) * across - 1.0, (ny - 0.5) * along - 1.0, nz - 1.0 - LAST])
     x, y, z = build.split(build.clamped(place, box, np.stack([first, last])))
@@ -168,7 +168,7 @@ def _looked_up(build: TextureBuilder, place: Any, atlas: Atlas, box: np.ndarray,
 
 
 def _left(build: TextureBuilder, place: Any, box: np.ndarray, reach: Reach) -> Any:
-    """Output socket of the share that is left beside the box; None where that is all. See `reach.left_of`."""
+    """Output socket of the share that is left outside the box; None if the whole field is. See `reach.left_of`."""
     if reach.kind not in (FADE, CONTINUE):
         return None
     distance = build.node("Distance", build.clamped(place, box, box), place).outputs[0]
