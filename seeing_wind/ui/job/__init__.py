@@ -1,17 +1,17 @@
-"""Long jobs in a second process: one job, two drivers, and what the panel shows of it.
+"""Long jobs in a second process: one job, two drivers, and its display in the panel.
 
-worker          a program as a generator of messages; no bpy
+worker          runs a program as a generator of messages; no bpy
 worker_command  the engine's command line and environment
-operator        what all operators over jobs share: a modal timer with a window, a loop without; Cancel
-status          what the panels show: plain state of each step, no bpy
-notes           what jobs have said of their results, kept with these
-panel_words     what the engine says of its flags and of frames, in the panel's words
+operator        the base of operators that run jobs: a modal timer with a window, a loop without; Cancel
+status          what the panels show: the plain state of each step; no bpy
+notes           the notes of jobs on their results, stored with these
+panel_words     the engine's messages with the panel's labels and the scene's frames
 steps_shown     which steps the sidebar shows unfolded
-panel_pieces    what all panels are put together from: the tab, states, failures with their mend, bars
+panel_pieces    building blocks of all panels: the tab, states, failures with the button that mends them, bars
 console         a job's messages as lines of text, for `blender -b`
-takes           where the takes of a scene are, and which of them it shows
-take_along      a file that is saved for the first time takes its results along
-take_reading    what a take's files say, read and checked
+takes           where the takes of a scene are, and which one it shows
+take_along      moves results out of the temporary folder when a file is first saved
+take_reading    reads and checks a take's files
 
-`install` finds and makes the Python that the jobs run in.
+`install` finds or makes the Python that the jobs run in.
 """

@@ -1,4 +1,4 @@
-"""A job's messages as lines that people and farm logs can read."""
+"""A job's messages as lines of text for people and farm logs."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ if TYPE_CHECKING:
     from .worker import Message
 
 EVERY = 2.0
-"""Seconds between two lines of one stage."""
+"""Least time between two progress lines of one stage [s]."""
 
 
 class Console:
-    """Shows progress on `out`, warnings and errors on `err`; a line per stage, and one every few seconds within."""
+    """Prints progress on `out`, warnings and errors on `err`: a line per stage, and one every few seconds within a stage."""
 
     def __init__(self, out: TextIO | None = None, err: TextIO | None = None) -> None:
         self.out, self.err = out or sys.stdout, err or sys.stderr
         self.stage, self.shown = "", -EVERY
 
     def show(self, message: Message) -> None:
-        """One message."""
+        """Print one message."""
         kind = message["type"]
         if kind == "progress":
             self._progress(message)
@@ -35,8 +35,8 @@ class Console:
             print(f"Error: {message.get('message', '')} {message.get('hint', '')}".rstrip(), file=self.err, flush=True)
         elif kind == "log":
             print(message["message"], file=self.out, flush=True)
-        elif kind == "result" and message.get("outcome") != "failed":  # its error has been shown
-            for check in message.get("checks", ()):  # the doctor's
+        elif kind == "result" and message.get("outcome") != "failed":  # the error message has been printed already
+            for check in message.get("checks", ()):  # from the verb `doctor`
                 advice = f" ({check['advice']})" if "advice" in check else ""
                 mark = "ok" if check["ok"] else "optional" if check.get("optional") else "missing"
                 print(f"{mark:>8}  {check['name']}: {check['detail']}{advice}", file=self.out)
@@ -59,11 +59,11 @@ class Console:
 
 
 class ReportsBesides(Console):
-    """For an operator, whose reports Blender prints: its failure is one of them, so that only the log is left to show. In the panel's
-    words, as the reports are."""
+    """Console for an operator. Blender prints its reports, which include failures, so of an error only the log is printed here. Warnings use
+    the panel's words, as the reports do."""
 
     def show(self, message: Message) -> None:
-        """One message."""
+        """Print one message."""
         if message["type"] == "error":
             if message.get("log"):
                 print(message["log"], file=self.err, flush=True)

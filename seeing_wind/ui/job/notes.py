@@ -1,4 +1,4 @@
-"""What a job has said of its result, kept with that result: part of the file and of its undo.
+"""The notes of a job on its result, stored with that result: part of the file and of its undo history.
 
 No postponed annotations here: Blender reads these annotations as property definitions.
 """
@@ -11,7 +11,7 @@ from bpy.props import StringProperty
 from . import status
 
 KEPT = {"recover": "recovered_notes", "resimulate": "simulated_notes", status.EDIT_PREVIEW: "coarse_notes"}
-"""Step -> collection of its notes: in the scene's settings, and those of an edit in the edit, too."""
+"""Step -> name of the collection of its notes in the scene's settings; for the steps of an edit, also in each stored edit."""
 
 
 class SEEING_WIND_PG_note(bpy.types.PropertyGroup):
@@ -21,7 +21,7 @@ class SEEING_WIND_PG_note(bpy.types.PropertyGroup):
 
 
 def keep(owner: bpy.types.PropertyGroup, step: str, texts: Sequence[str]) -> None:
-    """Put the notes of a new result in the place of those of a former one.
+    """Replace the notes of the former result by those of a new one.
 
     Args:
         owner: the scene's settings, or an edit.
@@ -34,7 +34,7 @@ def keep(owner: bpy.types.PropertyGroup, step: str, texts: Sequence[str]) -> Non
 
 
 def kept(settings: bpy.types.PropertyGroup, step: str) -> list[str]:
-    """The notes of the result that the scene has of a step; empty for a step whose result is nothing but what the scene shows."""
+    """The notes on the scene's result of a step; empty for a step whose notes are not stored."""
     return [note.text for note in getattr(settings, KEPT[step])] if step in KEPT else []
 
 

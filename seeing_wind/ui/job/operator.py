@@ -1,6 +1,6 @@
-"""Operators over long jobs: what they share. One job, two drivers: a modal timer with a window, a blocking loop without.
+"""The base of operators that run long jobs. One job, two drivers: a modal timer with a window, a blocking loop without.
 
-An operator supplies `start` (gather, return the generator of messages) and `finish` (take the results in); this file does the rest.
+An operator supplies `start` (gather inputs, return the generator of messages) and `finish` (take over the results); the rest is here.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from .panel_words import in_scene_frames
 from .steps_shown import fold_past
 
 TICK = 0.1
-"""Seconds between two looks at the worker: quick enough for a bar to move, rare enough to cost nothing."""
+"""Seconds between two polls of the worker: often enough for a smooth bar, rare enough to cost nothing."""
 
 PANELS = {"VIEW_3D", "CLIP_EDITOR", "PREFERENCES"}
 
 
 @dataclass
 class Running:
-    """A job of one scene."""
+    """A running job of one scene."""
 
     messages: worker.Messages
     started: bool = False
@@ -35,7 +35,7 @@ class Running:
     exit: worker.Message | None = None
 
     def poll(self) -> list[worker.Message]:
-        """What the worker said since the last look; empty once `exit` is there."""
+        """Messages of the worker since the last poll; empty once `exit` is set."""
         if self.exit is not None:
             return []
         try:
@@ -51,11 +51,11 @@ class Running:
 
 
 jobs: dict[int, Running] = {}
-"""By the scene's session id: one job per scene at a time."""
+"""Running jobs by the scene's session id: one per scene at a time."""
 
 
 def kill_all() -> None:
-    """End all workers at once: the file is closed, the extension switched off, or Blender ends."""
+    """End all workers at once, when the file is closed, the extension is switched off, or Blender quits."""
     for key, running in list(jobs.items()):
         del jobs[key]
         running.messages.close()
@@ -63,28 +63,28 @@ def kill_all() -> None:
 
 
 class JobOperator:
-    """Mix-in of every operator that starts a worker."""
+    """Mix-in for every operator that starts a worker."""
 
     step = ""
     """The step of the panel that the job belongs to, or "engine"."""
 
     def start(self, scene: bpy.types.Scene) -> worker.Messages:
-        """Gather, and return the job. May raise SeeingWindError; `digest` may be set to name the settings that the job was given."""
+        """Gather the inputs and return the job. May raise SeeingWindError, and may set `digest` to that of the settings that the job is given."""
         raise NotImplementedError
 
     def finish(self, scene: bpy.types.Scene, result: worker.Message) -> str:
-        """Take in the results of a job that was neither cancelled nor failed; returns what to tell the user."""
+        """Take over the results of a job that was neither cancelled nor failed; returns the message for the user."""
         raise NotImplementedError
 
     def withdraw(self, scene: bpy.types.Scene) -> None:
-        """What the job was given cannot be used, as `start` or the worker found: put back what `start` has changed of the settings."""
+        """Restore the settings that `start` has changed; called when `start` or the worker found that the job's input cannot be used."""
 
     def owner(self, scene: bpy.types.Scene) -> bpy.types.PropertyGroup | None:
-        """With what the notes of a finished job are kept; None where that is gone. Asked only of a step in `notes.KEPT`."""
+        """The property group that stores the notes of a finished job; None if it is gone. Called only for steps in `notes.KEPT`."""
         return scene.seeing_wind
 
     def execute(self, context):
-        """Start the job: with a window return at once, without one wait for it."""
+        """Start the job: with a window, return at once; without one, wait for it to end."""
         scene, self.digest = context.scene, ""
         self.key = scene.session_uid
         if scene.library is not None:
@@ -94,7 +94,7 @@ class JobOperator:
             self.report({"ERROR"}, "A job of this scene is running. Cancel it first.")
             return {"CANCELLED"}
         self.console = console.ReportsBesides() if bpy.app.background else None
-        # Registered before anything is started, so that a second click finds it.
+        # registered before anything is started, so that a second click finds it
         try:
             jobs[self.key] = Running(self.start(scene))
         except (SeeingWindError, OSError) as error:
@@ -110,15 +110,15 @@ class JobOperator:
         return {"RUNNING_MODAL"}
 
     def modal(self, context, event):
-        """A look at the worker at every tick; all other events are Blender's."""
+        """Poll the worker at every tick; all other events are left to Blender."""
         if event.type != "TIMER":
             return {"PASS_THROUGH"}
         running = jobs.get(self.key)
         scene = next((scene for scene in bpy.data.scenes if scene.session_uid == self.key), None)
-        if running is None or scene is None:  # ended from outside, or its scene was deleted
+        if running is None or scene is None:  # the job was ended from outside, or its scene was deleted
             self._stop(context)
             return {"CANCELLED"}
-        if scene.seeing_wind.unfinished != self.step:  # an undo has taken it back
+        if scene.seeing_wind.unfinished != self.step:  # an undo has reset it
             scene.seeing_wind.unfinished = self.step
         try:
             self._take_in(running, scene)
@@ -129,13 +129,13 @@ class JobOperator:
         except (SeeingWindError, OSError) as error:
             self._stop(context)
             return self._fail(scene, *worker.told(error))
-        except Exception as error:  # a defect of ours must not leave the panel running
+        except Exception as error:  # after a defect in this extension, the panel must not show a running job
             traceback.print_exc()
             self._stop(context)
             return self._fail(scene, f"Unexpected {type(error).__name__}: {error}.", "This is a defect: please report it with the log.")
 
     def cancel(self, context):
-        """Blender ends the operator: its window was closed or another file is loaded."""
+        """Called when Blender ends the operator: its window was closed, or another file is loaded."""
         self._stop(context)
 
     def _block(self, scene: bpy.types.Scene) -> set[str]:
@@ -146,13 +146,13 @@ class JobOperator:
         except (SeeingWindError, OSError) as error:
             return self._fail(scene, *worker.told(error))
         finally:
-            # also after a defect of ours, which Blender reports with its traceback
+            # also after a defect in this extension, which Blender reports with its traceback
             scene.seeing_wind.unfinished = ""
             jobs.pop(self.key, None)
             status.end(status.of(self.key))
 
     def _relay(self, running: Running, scene: bpy.types.Scene) -> worker.Messages:
-        """The job's messages, passed through this operator on their way to the blocking driver."""
+        """Pass the job's messages through this operator to the blocking driver."""
         while running.exit is None:
             batch = self._take_in(running, scene)
             if running.exit is None:
@@ -171,7 +171,7 @@ class JobOperator:
         return batch
 
     def _conclude(self, scene: bpy.types.Scene, running: Running) -> set[str]:
-        """The job has ended: take in its results or say what went wrong."""
+        """After the job has ended: take over its results, or report what went wrong."""
         entry, now = status.of(self.key).steps[self.step], status.of(self.key)
         jobs.pop(self.key, None)
         scene.seeing_wind.unfinished = ""
@@ -183,7 +183,7 @@ class JobOperator:
             self.report({"WARNING"}, f"{self.bl_label} was cancelled.")
             return {"CANCELLED"}
         if running.exit["outcome"] == "failed":
-            if running.exit["code"] == WRONG_INPUT:  # what broke down otherwise can go on, with the same settings
+            if running.exit["code"] == WRONG_INPUT:  # after any other failure, the job can be continued with the same settings
                 self.withdraw(scene)
             if running.result is not None and running.result.get("outcome") == "diverged":
                 return self._fail(scene, "The recovery diverged.", "Check scale, material and frame rate; see the notes in the log.")
@@ -243,7 +243,7 @@ class SEEING_WIND_OT_cancel(bpy.types.Operator):
         return context.scene is not None and context.scene.session_uid in jobs
 
     def execute(self, context):
-        """Ask; the job's own driver does the rest."""
+        """Request the cancel; the job's own driver carries it out."""
         jobs[context.scene.session_uid].cancel = True
         status.of(context.scene.session_uid).cancelling = True
         redraw()
@@ -251,19 +251,19 @@ class SEEING_WIND_OT_cancel(bpy.types.Operator):
 
 
 def _in_scene_frames(message: worker.Message, frame_of: Callable[[int], int]) -> worker.Message:
-    """A message with the scene's frames; progress tells how far a job is in the clip."""
+    """A warning or error with the scene's frame numbers; other messages, such as progress, keep those of the clip."""
     if message["type"] not in ("warning", "error"):
         return message
     return message | {key: in_scene_frames(str(message[key]), frame_of) for key in ("message", "hint") if key in message}
 
 
 def blocks(context) -> bool:
-    """Whether there is no window whose timer could drive a job, so that the operator has to wait for it."""
+    """Whether there is no window with a timer to drive a job, so that the operator must wait for it."""
     return bpy.app.background or context.window is None
 
 
 def redraw() -> None:
-    """Let the panels draw anew, wherever they are."""
+    """Redraw the panels in all windows."""
     for manager in bpy.data.window_managers:
         for window in manager.windows:
             for area in window.screen.areas:
@@ -277,13 +277,13 @@ def _before_load(*_: object) -> None:
 
 
 def register() -> None:
-    """End the workers with their file."""
+    """Attach the handler that ends the workers when another file is loaded."""
     unregister()
     bpy.app.handlers.load_pre.append(_before_load)
 
 
 def unregister() -> None:
-    """End the workers now."""
+    """End the workers now, and detach the handler."""
     kill_all()
     if _before_load in bpy.app.handlers.load_pre:
         bpy.app.handlers.load_pre.remove(_before_load)

@@ -1,4 +1,4 @@
-"""What the panels are put together from: the tab they stand in, states, messages with the button that mends them, progress bars.
+"""Building blocks of the panels: the tab they stand in, states, messages with the button that mends an error, progress bars.
 
 `draw` only reads settings and `status`.
 """
@@ -23,10 +23,10 @@ ICONS = {State.IDLE: "RADIOBUT_OFF", State.DONE: "CHECKMARK", State.STALE: "FILE
 SAYS = {State.STALE: "Settings have changed since: run it again"}
 
 WARNINGS = 2
-"""Warnings of a job that the panel shows unfolded."""
+"""Number of a job's warnings that the panel shows unfolded."""
 
 MARGIN, INDENT = 58, 20
-"""Of a region's width, what a text has not: the panel's borders and tabs; and an icon. In pixels of a screen without scaling."""
+"""Parts of a region's width that are not available to text: the panel's borders and tabs; and an icon. In pixels of an unscaled screen."""
 
 MENDS = {
     "install_engine": ("seeing_wind.install_engine", "Install Engine", "IMPORT"),
@@ -38,17 +38,17 @@ MENDS = {
 
 
 class Tab:
-    """Mix-in of all panels of the sidebar tab."""
+    """Mix-in for all panels of the sidebar tab."""
 
     bl_region_type = "UI"
     bl_category = CATEGORY
     step = ""
-    """The step of the work that the panel stands for, or ""."""
+    """The step that the panel is for, or ""."""
     title = ""
-    """Of the step, with its number."""
+    """Title of the step, with its number."""
 
     def draw(self, context):
-        """A step under a title of its own, which folds when the work has gone past it: Blender lets nobody fold a panel but the user."""
+        """Draw a step under its own foldable title, as scripts cannot fold a panel; it is folded once the work has gone past the step."""
         if not self.step:
             self.fill(context, self.layout)
             return
@@ -63,23 +63,23 @@ class Tab:
             self.fill(context, body)
 
     def fill(self, context, layout):
-        """What the panel shows."""
+        """Draw the contents of the panel."""
         raise NotImplementedError
 
 
 def columns(layout):
-    """A column with names beside their values."""
+    """A column in which properties have their names beside the values."""
     layout.use_property_split = True
     layout.use_property_decorate = False
     return layout.column()
 
 
 def panels(tab: type[Tab], order: int) -> tuple[type, ...]:
-    """The panel of the 3D viewport and that of the Movie Clip Editor: Blender wants a class of its own for each.
+    """Panel classes for the 3D viewport and the Movie Clip Editor, as Blender needs a separate class for each.
 
     Args:
-        tab: what both draw. A step's panel carries its number in the title.
-        order: place in the tab, from 0.
+        tab: the mix-in that draws both. A step's panel has its number in the title.
+        order: position in the tab, from 0.
     """
     made = []
     for space in ("VIEW_3D", "CLIP_EDITOR"):
@@ -97,7 +97,7 @@ def panels(tab: type[Tab], order: int) -> tuple[type, ...]:
 
 
 def draw_text(layout, context, text: str, icon: str = "NONE") -> None:
-    """A text in as many lines as the region is wide; Blender's labels do not wrap."""
+    """Draw a text wrapped to the width of the region, as Blender's labels do not wrap."""
     column = layout.column(align=True)
     column.scale_y = 0.8
     for number, line in enumerate(_lines(context, text, 0 if icon == "NONE" else INDENT)):
@@ -105,14 +105,14 @@ def draw_text(layout, context, text: str, icon: str = "NONE") -> None:
 
 
 def fold(layout, name: str, text: str, closed: bool = True):
-    """What few need, behind a title; the layout below it, None while it is folded."""
+    """Draw a foldable title for what few users need. Returns the layout below it, None while it is folded."""
     header, body = layout.panel(f"SEEING_WIND_{name}", default_closed=closed)
     header.label(text=text)
     return body
 
 
 def _lines(context, text: str, indent: int) -> list[str]:
-    """As Blender's font fills them."""
+    """A text wrapped to the region's width as measured in Blender's font."""
     region, preferences = context.region, context.preferences
     if region is None:
         return textwrap.wrap(text, 60)
@@ -129,7 +129,7 @@ def _lines(context, text: str, indent: int) -> list[str]:
 
 
 def draw_failure(layout, context, step: status.Step, button: bool = True) -> None:
-    """What went wrong, what to do, and the button that does it."""
+    """Draw what went wrong, what to do, and the button that does it."""
     box = layout.box()
     message = box.column()
     message.alert = True
@@ -142,7 +142,7 @@ def draw_failure(layout, context, step: status.Step, button: bool = True) -> Non
 
 
 def draw_progress(layout, context, step: status.Step, cancelling: bool) -> None:
-    """The bar of a running job, what it does, and the way to stop it."""
+    """Draw the bar of a running job, what it is doing, and the Cancel button."""
     column = layout.column(align=True)
     left = status.remaining(step)
     text = f"{100 * step.fraction:.0f} %" + (f", about {in_words(left)} left" if left is not None else "")
@@ -164,12 +164,12 @@ def draw_job(
     layout, context, name: str, operator: str, text: str, icon: str, missing: str = "", warned: bool = True,
     above: Callable[[bpy.types.UILayout], None] | None = None, beside: Callable[[bpy.types.UILayout], object] | None = None,
 ) -> None:  # fmt: skip
-    """The button of a step's job, or its bar while it runs; then how it stands, or what it waits for.
+    """Draw the button of a step's job, or its bar while it runs; then its state, or what must be done before it.
 
     Args:
-        missing: what it waits for.
-        warned: show its warnings here; they stand elsewhere if not.
-        above: draws what goes before all that is said of the step.
+        missing: what must be done before the job can start; "" if nothing.
+        warned: whether to draw its warnings here.
+        above: draws what comes before all messages of the step.
         beside: draws another button in the same row.
     """
     now = status.of(context.scene.session_uid)
@@ -198,7 +198,7 @@ def draw_job(
 
 
 def draw_beside(layout, context, name: str) -> None:
-    """What is said of a second job of a step, whose button stands beside the first's."""
+    """Draw the messages of a second job of a step, whose button stands beside the first one's."""
     now = status.of(context.scene.session_uid)
     step = now.steps[name]
     if step.state == State.FAILED:
@@ -209,7 +209,7 @@ def draw_beside(layout, context, name: str) -> None:
 
 
 def draw_preview_mark(layout, context, step: str) -> None:
-    """That objects show a preview of the edit, if they do, at the step that shows the full result."""
+    """If objects show a preview of the edit, draw a message saying so at the step that gives the full result."""
     now = status.of(context.scene.session_uid)
     full, button = ("bake", "Bake to Keyframes") if now.steps["resimulate"].state == State.DONE else ("resimulate", "Re-simulate")
     if now.previewed and step == full:
@@ -231,7 +231,7 @@ def _draw_warnings(layout, context, name: str) -> None:
 
 
 def draw_engine(layout, context, button: bool = True) -> None:
-    """Whether there is an engine, and the button that makes one."""
+    """Draw whether there is an engine, and the button that installs one."""
     now = status.of(context.scene.session_uid)
     job = now.steps.get("engine")
     if now.running == "engine" and job is not None:
@@ -243,13 +243,13 @@ def draw_engine(layout, context, button: bool = True) -> None:
         draw_failure(layout, context, job)
     elif job is not None and job.message:
         draw_text(layout, context, job.message)
-    # that it is not installed is no news to who has just tried
+    # after a failed installation, the message that there is no engine would be redundant
     if problem is not None and not (failed and problem.mend == "install_engine"):
         draw_failure(layout, context, problem, button)
 
 
 def draw_range(column, settings, tick: str, numbers: str) -> None:
-    """The first and the last frame that is used, a property `numbers` of two, behind the tick that there are less than all."""
+    """Draw a range of frames: the box `tick`, and if it is ticked, the first and the last frame, a property `numbers` of two."""
     row = column.row(heading="Frames")
     row.prop(settings, tick, text="")
     sub = row.row(align=True)
@@ -261,7 +261,7 @@ def draw_range(column, settings, tick: str, numbers: str) -> None:
 
 
 def draw_list(layout, settings, space: str, items: str, active: str, *buttons: tuple[str, str]) -> None:
-    """The list `items` of the settings in an editor of the kind `space`; beside it, one below the other, operators with their icons."""
+    """Draw the list `items` of the settings in an editor of type `space`, with a column of buttons (operator, icon) beside it."""
     row = layout.row()
     row.template_list(f"SEEING_WIND_UL_{items}", space, settings, items, settings, active, rows=2)
     column = row.column(align=True)
@@ -270,11 +270,11 @@ def draw_list(layout, settings, space: str, items: str, active: str, *buttons: t
 
 
 def draw_override(column, settings, name: str, otherwise: str = "", text: str = "") -> None:
-    """A property; where it has a tick before it, both in one row.
+    """Draw a property, with its tick in the same row if it has one.
 
     Args:
-        otherwise: the value that is used without the tick, where it is known.
-        text: a shorter name, where its own would be cut off.
+        otherwise: the value that is used without the tick, if known.
+        text: a shorter name, if the property's own would be cut off.
     """
     if f"use_{name}" not in settings.bl_rna.properties:
         column.prop(settings, name)

@@ -1,4 +1,4 @@
-"""What the engine says to its command line, in the panel's words: `--distance` is called Distance here, and frames are the scene's."""
+"""Translation of the engine's messages into the panel's words: `--distance` becomes Distance, and clip frames become scene frames."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ LABELS = {
     "--points": "Blender Mask", "--correct": "Correct the Outline", "--depth": "Proxy Mesh", "--take": "Take", "--out": "To",
     "--tracks": "Tracks", "--view": "Further Views", "--no-gravity": "Gravity: None",
 }  # fmt: skip
-"""Of the options that the panel has, and what it has in the place of others."""
+"""Panel labels of command-line options, including those for which the panel has something else."""
 
 
 def in_scene_frames(text: str, frame_of: Callable[[int], int]) -> str:
-    """The text with each frame of the clip, counted from the first clip frame that is used, called by its frame in the scene."""
+    """The text with each clip frame number, counted from the first clip frame used, replaced by the number of the scene frame."""
     return FRAME.sub(lambda found: f"frame {frame_of(int(found[1]))}", text)
 
 
 def in_panel_words(text: str) -> str:
-    """The text with each flag that the panel has a property for called by its label."""
+    """The text with each flag that has a panel label replaced by that label."""
     return re.sub(r"`?(--[a-z][a-z-]*)`?", lambda found: LABELS.get(found[1], found[0]), text)
 
 
 def residual_told(message: Mapping[str, Any]) -> str:
-    """How far the simulation is from what was seen, of a message of progress, with its unit; "" where it does not say."""
+    """The residual in a progress message, as text with its unit; "" if there is none."""
     return in_units(float(message["residual"]), str(message.get("residual_unit", ""))).strip() if "residual" in message else ""

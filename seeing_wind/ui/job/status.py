@@ -1,7 +1,7 @@
 """What the panel shows, as plain state: `draw` reads it and computes nothing. No bpy here.
 
-One `SceneStatus` per scene, found by the scene's session id, which survives renaming and undo. Only transient facts live here (running,
-failed); what is done or stale follows from digests kept in the scene (see `ui/freshness.py`), so undo and save keep them right.
+One `SceneStatus` per scene, found by the scene's session id, which survives renaming and undo. Only transient facts are stored here
+(running, failed); what is done or stale follows from digests in the scene (see `ui/freshness.py`), and so stays right after undo and save.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from .panel_words import in_panel_words, residual_told
 
 
 class State(StrEnum):
-    """Of one step of the work."""
+    """The state of one step."""
 
     IDLE = "idle"
     DONE = "done"
@@ -27,13 +27,13 @@ class State(StrEnum):
 
 
 STEPS = ("clip", "object", "recover", "edit", "resimulate", "bake")
-"""In the order of the work."""
+"""The steps in the order of the work."""
 
 PREVIEW = "preview"
-"""A part of the step *object* with a state of its own."""
+"""The preview of the step *object*, with a state of its own."""
 
 EDIT_PREVIEW = "edit_preview"
-"""The same of the step *resimulate*."""
+"""The preview of the step *resimulate*, likewise."""
 
 LINKED = ("This scene is linked from another file and cannot be changed here.", "Work in a scene of this file.")
 
@@ -41,15 +41,15 @@ SPANS = {
     "observe": (0.0, 0.15), "build": (0.15, 0.25), "recover": (0.25, 0.85), "distill": (0.85, 0.95), "refine": (0.85, 0.95),
     "report": (0.95, 1.0),
 }  # fmt: skip
-"""Which part of the whole bar a stage of `recover` fills; other stages fill it all."""
+"""The part of the whole bar that each stage of `recover` fills; any other stage fills the whole bar."""
 
 PREVIEW_SPANS = {"observe": (0.0, 0.85), "preview": (0.85, 1.0)}
-"""The same of a preview, which is over where a recovery goes on."""
+"""The same for a preview, which ends before the solve."""
 
 
 @dataclass
 class Step:
-    """How one step stands."""
+    """The state of one step, with its messages."""
 
     state: State = State.IDLE
     fraction: float = 0.0
@@ -58,18 +58,18 @@ class Step:
     hint: str = ""
     """What to do about a failure."""
     mend: str = ""
-    """Name of the control that mends it (see `panel_pieces.MENDS`), or "" for none."""
+    """Name of the control that mends the failure (see `panel_pieces.MENDS`), or "" for none."""
     log: str = ""
     digest: str | None = None
-    """While failed: the settings that failed. Others make the failure a thing of the past, unless this is None."""
+    """While failed: digest of the settings that failed. Other settings clear the failure, unless this is None."""
     started: float = 0.0
-    """While running: when it began, or when it was through with what an earlier run had finished [s of the monotonic clock]."""
+    """While running: when it began, or when it had skipped what an earlier run had finished [s of the monotonic clock]."""
     inherited: float = 0.0
     """While running: the part of `fraction` that an earlier run had finished."""
     residual: str = ""
-    """While running: how far the recovery's latest simulation is from what was seen."""
+    """While running: residual of the recovery's latest simulation, as text."""
     expected: float | None = None
-    """While running: what the solve takes on this machine, as it was foreseen [s]."""
+    """While running: predicted duration of the solve on this machine [s]."""
 
 
 @dataclass
@@ -81,18 +81,18 @@ class SceneStatus:
     """The step that runs now, or ""."""
     cancelling: bool = False
     title: str = ""
-    """What runs, for jobs that are no step (installing the engine)."""
+    """What is running, for jobs that are not a step (installing the engine)."""
     warnings: list[str] = field(default_factory=list)
-    """Of the last job, which belonged to the step `warned`; empty once they are kept with its result (see `notes`)."""
+    """Warnings of the last job, which belonged to the step `warned`; empty once they are stored with its result (see `notes`)."""
     warned: str = ""
     asked: dict[str, str] = field(default_factory=dict)
-    """Digest of each step's present settings, as `derive` was told it last."""
+    """Digest of each step's present settings, as last given to `derive`."""
     foreseen: bool = False
-    """Whether what *Preview* said of the solve still holds."""
+    """Whether the prediction of the solve by *Preview* still holds."""
     previewed: list[str] = field(default_factory=list)
     """Bodies whose objects carry the motion of a preview."""
     overtaken: str = ""
-    """Stamp of the scene's re-simulation, when the file was loaded and another one lay in its folder by then; else ""."""
+    """Stamp of the scene's re-simulation if, when the file was loaded, its folder held another one by then; else ""."""
 
 
 @dataclass
@@ -113,29 +113,29 @@ def of(scene_id: int) -> SceneStatus:
 
 
 def forget_engine_failures() -> None:
-    """The engine is another one: why it could not be installed or checked before is a thing of the past."""
+    """Clear failures to install or check the engine, after another engine was found."""
     for each in _scenes.values():
         if "engine" in each.steps and each.steps["engine"].state == State.FAILED:
             del each.steps["engine"]
 
 
 def forget_all() -> None:
-    """After a file was loaded: its scenes are others."""
+    """Forget the status of all scenes, after another file was loaded."""
     _scenes.clear()
 
 
 refreshers: list[Callable[[Any], None]] = []
-"""Who brings the status of a scene up to date: `ui/freshness.py`, which knows all features and stands above them."""
+"""Functions that bring the status of a scene up to date: that of `ui/freshness.py`, which imports all features."""
 
 
 def refresh(scene: Any) -> None:
-    """Settings or data of a scene have changed: which steps are done or stale is found out anew."""
+    """Determine anew which steps are done or stale, after settings or data of a scene have changed."""
     for each in refreshers:
         each(scene)
 
 
 def begin(status: SceneStatus, step: str, title: str) -> None:
-    """A job has started on `step` (a step's name, or "engine"). What failed later in the work for want of it is a thing of the past."""
+    """Note that a job has started on `step` (a step's name, or "engine"). Failures of later steps, which may have lacked its result, are cleared."""
     if step in STEPS:
         for later in STEPS[STEPS.index(step) + 1 :]:
             if status.steps[later].state == State.FAILED:
@@ -147,7 +147,7 @@ def begin(status: SceneStatus, step: str, title: str) -> None:
 
 
 def receive(status: SceneStatus, step: str, message: dict[str, Any]) -> bool:
-    """Take in one message of a job. Returns whether there is anything new to draw."""
+    """Process one message of a job. Returns whether there is anything new to draw."""
     entry = status.steps[step]
     kind = message["type"]
     if kind == "progress":
@@ -174,14 +174,14 @@ def receive(status: SceneStatus, step: str, message: dict[str, Any]) -> bool:
 
 
 KEPT = "already done"
-"""What the engine says of a stage that an earlier run has finished."""
+"""The engine's message for a stage that an earlier run has finished."""
 
 EARLY = 0.03
-"""Share of a job under which nothing is said of the time it still takes."""
+"""Share of a job below which no remaining time is estimated."""
 
 
 def remaining(step: Step, now: float | None = None) -> float | None:
-    """Seconds that a running step still takes if it goes on as so far in this run; None while that cannot be said."""
+    """Estimated remaining time [s] of a running step, at the rate of this run so far; None while it cannot be estimated."""
     done = step.fraction - step.inherited
     if step.state != State.RUNNING or done < EARLY or step.fraction >= 1.0:
         return None
@@ -190,13 +190,13 @@ def remaining(step: Step, now: float | None = None) -> float | None:
 
 
 def fail(status: SceneStatus, step: str, message: str, hint: str = "", mend: str = "", *, digest: str = "", log: str = "") -> None:
-    """`step` could not be done, with the settings of `digest`; with the present ones, where it got no job."""
+    """Note that `step` failed, with the settings of `digest`; if that is "" because no job was started, with the present ones."""
     asked = digest or status.asked.get(step)
     status.steps[step] = Step(State.FAILED, message=message, hint=hint, mend=mend, log=log, digest=asked)
 
 
 def end(status: SceneStatus) -> None:
-    """The job is over, whatever came of it: nothing is ever left running."""
+    """Note that the job is over, whatever its outcome, so that no step is left in the state running."""
     for step in status.steps.values():
         if step.state == State.RUNNING:
             step.state, step.fraction, step.message = State.IDLE, 0.0, ""
@@ -204,7 +204,7 @@ def end(status: SceneStatus) -> None:
 
 
 def derive(status: SceneStatus, step: str, now: str, done: str, message: str = "") -> None:
-    """Idle, done or stale, from the digest of the present settings and of those that the result was made with ("" for no result).
+    """Set a step to idle, done or stale, from the digests of the present settings and of those its result was made with ("" for no result).
 
     A running step stays running; a failed one stays failed as long as its settings are those that failed.
     """
@@ -217,5 +217,5 @@ def derive(status: SceneStatus, step: str, now: str, done: str, message: str = "
 
 
 def digest_of(*parts: object) -> str:
-    """A short digest of settings, for `derive`: equal for equal values, whatever session or machine they are in."""
+    """A short digest of settings, for `derive`: equal for equal values, in any session and on any machine."""
     return hashlib.sha256(repr(parts).encode()).hexdigest()[:16]

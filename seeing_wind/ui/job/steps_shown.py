@@ -1,4 +1,4 @@
-"""Which steps the sidebar shows unfolded: those that the work has gone past fold, so that the next one is in sight.
+"""Which steps the sidebar shows unfolded: steps that the work has gone past are folded, so that the next one is in sight.
 
 No postponed annotations here: Blender reads these annotations as property definitions.
 """
@@ -6,7 +6,7 @@ No postponed annotations here: Blender reads these annotations as property defin
 from bpy.props import BoolProperty
 
 PAST = {"recover": ("clip", "object"), "resimulate": ("clip", "object", "recover")}
-"""Steps that fold once one is done. An edit stays with what it was simulated for."""
+"""Steps that are folded once the step of the key is done. The step *Edit* stays unfolded after a re-simulation."""
 
 
 def _shown():
@@ -14,7 +14,7 @@ def _shown():
 
 
 class StepsShown:
-    """Of the scene's settings; the panels' titles change them."""
+    """Part of the scene's settings: which steps are unfolded, changed by the panels' titles."""
 
     shows_clip: _shown()
     shows_object: _shown()
@@ -25,6 +25,6 @@ class StepsShown:
 
 
 def fold_past(settings, step: str) -> None:
-    """`step` is done: fold what lies behind it."""
+    """Fold the steps that are past once `step` is done."""
     for past in PAST.get(step, ()):
         setattr(settings, f"shows_{past}", False)

@@ -1,4 +1,4 @@
-"""A file that is saved for the first time takes its results along, from the temporary folder to its own."""
+"""When a file is saved for the first time, its results are copied from the temporary folder to the file's own."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def _before_save(path: str = "", *_: object) -> None:
 
 
 def _take_along(settings: bpy.types.PropertyGroup, home: Path) -> None:
-    """Copy take and re-simulations from the temporary folder to `home`, and let everything point there."""
+    """Copy the take and re-simulations from the temporary folder to `home`, and make the settings refer to the copies."""
     former = Path(settings.recovered_take)
     folder, number = home / former.name, 2
     while folder.exists():
@@ -46,7 +46,7 @@ def _take_along(settings: bpy.types.PropertyGroup, home: Path) -> None:
 
 
 def _repoint(former: Path, folder: Path) -> None:
-    """Point caches of that re-simulation are read from its copy."""
+    """Make point caches and cache files of a re-simulation refer to its copy."""
     owners = [modifier for obj in bpy.data.objects for modifier in obj.modifiers if modifier.type == "MESH_CACHE"]
     for owner in (*owners, *bpy.data.cache_files):
         path = Path(bpy.path.abspath(owner.filepath))
@@ -61,6 +61,6 @@ def register() -> None:
 
 
 def unregister() -> None:
-    """Detach it."""
+    """Detach the handler."""
     if _before_save in bpy.app.handlers.save_pre:
         bpy.app.handlers.save_pre.remove(_before_save)

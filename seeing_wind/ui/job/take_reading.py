@@ -1,4 +1,4 @@
-"""What a take's files say, read and checked: nothing of the scene is touched, and nothing but numbers that make sense comes out."""
+"""Reading and checking a take's files: nothing in the scene is changed, and only sensible numbers are returned."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class FieldSummary:
-    """What the scene needs to know of a recovered field."""
+    """The properties of a recovered field that the scene needs."""
 
     box: np.ndarray
     """(2, 3) lower and upper corner [m]."""
     fps: float
     frames: int
-    """T."""
+    """T, the number of intervals."""
     density: float
-    """Of the recovered material [kg/m³]."""
+    """Density of the recovered material [kg/m³]."""
     clip: str
     """Path of the video; "" for a field from trajectories."""
     first_frame: int
@@ -34,7 +34,7 @@ class FieldSummary:
 
 
 def recovery_notes(take: Take) -> list[str]:
-    """What the recovery of a take says of itself, the worst first; empty for a take without a report."""
+    """The recovery's own notes on its quality, the worst first; empty for a take without a report."""
     if not take.file("report.json").is_file():
         return []
     notes = take.read_json("report.json").get("notes", [])
@@ -43,25 +43,25 @@ def recovery_notes(take: Take) -> list[str]:
 
 @dataclass(frozen=True)
 class WindTold:
-    """What the stage *wind* says of a take."""
+    """The result of the stage *wind* for a take."""
 
     is_wind: bool
-    """The field is read as a wind; otherwise the take keeps to its force."""
+    """Whether the field is interpreted as a wind; otherwise as a force only."""
     notes: tuple[str, ...]
-    """What was chosen and why."""
+    """What was chosen, and why."""
     mean: float
     """Speed of the mean wind [m/s]."""
     gust: float
-    """Of the strongest gust [m/s]."""
+    """Speed of the strongest gust [m/s]."""
     drag: float
     """Half the density of air times the coefficient of a plate across the wind [kg/m³]: pressure over the square of the speed."""
 
 
 def wind_told(take: Take) -> WindTold | None:
-    """Read it; None for a take that was asked for its force only.
+    """Read the result of the stage *wind*; None for a take that was asked for its force only.
 
     Raises:
-        TakeError: when the file makes no sense.
+        TakeError: when the file does not describe a wind.
     """
     if not take.file("wind.json").is_file():
         return None
@@ -78,20 +78,20 @@ def wind_told(take: Take) -> WindTold | None:
 
 @dataclass(frozen=True)
 class Seen:
-    """What a clip showed; a field from trajectories has none of it."""
+    """What was observed in a clip; a field from trajectories has no such data."""
 
     camera: Camera
     frame: np.ndarray
-    """(H, W, 3) uint8 RGB."""
+    """(H, W, 3) uint8 RGB, frame 0."""
     outline: np.ndarray | None
-    """(H, W) bool of the object in that frame; None for a take without outlines."""
+    """(H, W) bool, the object's pixels in that frame; None for a take without outlines."""
     surface: Surface | None
     motion: np.ndarray
-    """(T+1, V, 3) of the surface's vertices [m]."""
+    """(T+1, V, 3) positions of the surface's vertices [m]."""
 
 
 def field_summary(take: Take) -> FieldSummary:
-    """Read it from the report.
+    """Read the summary of a take's field from its report.
 
     Raises:
         TakeError: when the report is missing, or from another version.
@@ -108,10 +108,10 @@ def field_summary(take: Take) -> FieldSummary:
 
 
 def trajectory(take: Take, field: FieldSummary) -> np.ndarray:
-    """Particles (T+1, N, 3) [m] of a take.
+    """Positions of a take's particles (T+1, N, 3) [m].
 
     Raises:
-        TakeError: when they are missing, not finite, or of another number of frames than the field.
+        TakeError: when they are missing, not finite, or do not have the field's number of frames.
     """
     x = take.read_arrays("trajectory.npz").get("x")
     if x is None or x.ndim != 3 or x.shape[::2] != (field.frames + 1, 3) or not np.isfinite(x).all():
@@ -120,7 +120,7 @@ def trajectory(take: Take, field: FieldSummary) -> np.ndarray:
 
 
 def read_seen(take: Take, field: FieldSummary) -> Seen | None:
-    """Read everything before anything in the scene is touched. Raises TakeError for what is missing or makes no sense."""
+    """Read what was observed, None for a field from trajectories. Raises TakeError when something is missing or inconsistent."""
     if not take.file("observation.npz").is_file():
         return None
     from ...engine.records import Camera, Surface
@@ -144,15 +144,15 @@ def read_seen(take: Take, field: FieldSummary) -> Seen | None:
 
 
 def is_preview(take: Take) -> bool:
-    """Whether a re-simulation is a preview; one that does not say is none. Raises TakeError when its description is damaged."""
+    """Whether a re-simulation is a preview; False if its description does not say. Raises TakeError when that is damaged."""
     return take.file("resimulation.json").is_file() and take.read_json("resimulation.json").get("preview", False) is True
 
 
 def simulated_motion(take: Take, name: str) -> dict[str, np.ndarray]:
-    """A body of a re-simulation: `vertices` (T+1, V, 3) [m], `triangles` (M, 3), `fps` [1/s], `shell` whether a shell was simulated.
+    """A body of a re-simulation: `vertices` (T+1, V, 3) [m], `triangles` (M, 3), `fps` [1/s], `shell` (whether it was a shell).
 
     Raises:
-        TakeError: when it is missing, damaged or not finite.
+        TakeError: when the body is missing, damaged or not finite.
     """
     arrays = take.read_arrays(f"bodies/{name}.npz")
     vertices = arrays.get("vertices", np.empty(0))

@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     import numpy as np
 
 ALIKE = 1e-6
-"""Largest difference from the identity matrix at which the field counts as not moved, times the largest coordinate of its box [m] if above 1:
-single precision."""
+"""Largest difference from the identity matrix at which the field counts as not moved, times the largest coordinate of its box [m] if
+above 1: single precision."""
 
 
 def stamp(scene: bpy.types.Scene) -> tuple:

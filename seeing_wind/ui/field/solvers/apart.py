@@ -28,7 +28,7 @@ def keep_apart(scene: bpy.types.Scene) -> None:
 
 
 def choose_effectors(scene: bpy.types.Scene, obj: bpy.types.Object, field: bpy.types.Object, alone: bool) -> None:
-    """Make an object's solvers feel the fields of one kind, or with `alone` only this field. Unless `alone`, a collection that the user chose stays."""
+    """Make an object's solvers feel the fields of one kind, or only this field (`alone`). Unless `alone`, the user's own collection stays."""
     chosen = _only(scene, field) if alone else _of_kind(scene, field)
     for weights in _weights(scene, obj):
         if alone or weights.collection is None or FELT in weights.collection:
@@ -98,7 +98,7 @@ def _collection(scene: bpy.types.Scene, mark: str, name: str, felt: list[bpy.typ
 
 
 def _made(scene: bpy.types.Scene, mark: str, name: str) -> bpy.types.Collection:
-    """A new collection, linked to the scene so that users find it and deleted objects leave it, but excluded so that it reveals nothing hidden."""
+    """A new collection, linked to the scene so that users find it and deleted objects leave it; excluded so as to reveal nothing hidden."""
     made = bpy.data.collections.new(name)
     made[FELT] = mark
     scene.collection.children.link(made)

@@ -17,7 +17,7 @@ from .surface import area_of, faces_of
 CLOTH_FACTOR = 0.02
 """Blender's constant factor on forces on cloth."""
 STIFF = 4.0
-"""Stiffness / (mass x substeps²) above which Blender's cloth solver stops early and loses some percent of the force (measured: 7 % at 12)."""
+"""Stiffness / (mass x substeps²) above which Blender's cloth solver stops early and loses part of the force (measured: 7 % at 12)."""
 
 
 def cloth(scene: bpy.types.Scene, obj: bpy.types.Object, what: Matter, set_mass: bool) -> Iterator[str]:

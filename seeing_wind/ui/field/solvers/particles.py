@@ -89,7 +89,7 @@ def _hair(system: bpy.types.ParticleSystem, what: Matter) -> str:
 def _hair_in_wind(
     system: bpy.types.ParticleSystem, settings: bpy.types.ClothSettings, weights: bpy.types.EffectorWeights, what: Matter
 ) -> str:
-    """Calibrate round strands with the thickness they are drawn with. Blender pushes equally along a strand, where it resists stretching."""
+    """Calibrate round strands, as thick as drawn. Blender pushes equally along a strand, which then resists by its stiffness."""
     if settings.time_scale != 1.0:
         raise UsageError(f"The hair {system.name} runs at a speed of {settings.time_scale:g}.", "Set its Speed Multiplier to 1.")
     drawn = system.settings

@@ -7,7 +7,7 @@ import numpy as np
 
 
 def faces_of(obj: bpy.types.Object) -> tuple[np.ndarray, np.ndarray]:
-    """World-space vertices (V, 3) [scene units] (without the object's location), and triangles (F, 3), with the visible modifiers applied."""
+    """World-space vertices (V, 3) [scene units] (without the object's location), and triangles (F, 3), with visible modifiers applied."""
     evaluated = obj.evaluated_get(bpy.context.evaluated_depsgraph_get())
     mesh = evaluated.to_mesh()
     mesh.calc_loop_triangles()

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 FADE, HOLD, CONTINUE = "FADE", "HOLD", "CONTINUE"
-"""FADE: the field fades to zero, with the distance from the object and again with that from the box. HOLD: it is whole in the box, and outside
-has the value of the nearest place in it. CONTINUE: like HOLD, but weaker with distance, never zero."""
+"""FADE: the field fades to zero, with the distance from the object and again with that from the box. HOLD: it is whole in the box, and
+outside has the value of the nearest place in it. CONTINUE: like HOLD, but weaker with distance, never zero."""
 
 FADE_WIDTH = 0.75
 """Distance over which the field fades, relative to the box's longest side."""

@@ -73,7 +73,7 @@ class TextureBuilder:
         return list(self.node("SeparateColor", color).outputs)[:3]
 
     def clamped(self, place: Any, box: np.ndarray, to: np.ndarray) -> Any:
-        """Output socket of a point as one color, clamped to a box (2, 3) around the origin and scaled so that the box's corners map to `to`."""
+        """Output socket of a point as one color, clamped to a box (2, 3) around the origin, whose corners are mapped to `to`."""
         node = self.node("CurveRGB", place)
         node.mapping.use_clip, node.mapping.extend = False, "HORIZONTAL"
         # Blender tabulates a curve over its points and over this range; a corner between two table entries would be cut off

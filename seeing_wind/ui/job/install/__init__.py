@@ -1,10 +1,10 @@
 """The engine's own Python: where it is, and how it is made.
 
-environment  where it is
-install      Install Engine: the programs that make it, as one job
+environment  finds it
+install      Install Engine: runs the programs that make it, as one job
 choices      what the user has chosen in the preferences
-preferences  the preferences themselves, as Blender shows them
-standalone   a Python of the engine's own, where the system has none
-fetch_python the program that downloads and unpacks it
+preferences  the preferences as Blender displays them
+standalone   a Python for the engine alone, if the system has none that fits
+fetch_python the program that downloads and unpacks this Python
 operators    Install Engine, Fetch Python, Check Engine, Open Preferences
 """

@@ -1,15 +1,15 @@
-"""What the user has chosen in the extension's preferences, for those who need it; `preferences` shows and changes it."""
+"""Access to the user's choices in the extension's preferences; `preferences` displays and changes them."""
 
 from __future__ import annotations
 
 import bpy
 
 EXTENSION = __package__.rpartition(".seeing_wind.ui")[0] or "seeing_wind"
-"""The name that Blender knows this extension by: bl_ext.REPOSITORY.seeing_wind; run from source, plain."""
+"""The name by which Blender knows this extension: bl_ext.REPOSITORY.seeing_wind, or plain seeing_wind if run from source."""
 
 
 def preferences() -> bpy.types.AddonPreferences | None:
-    """The preferences, None where Blender keeps none (run from source)."""
+    """The extension's preferences; None if Blender has none (run from source)."""
     addon = bpy.context.preferences.addons.get(EXTENSION)
     return addon.preferences if addon is not None else None
 
@@ -21,12 +21,12 @@ def preferred_python() -> str:
 
 
 def folder_of_wheels() -> str:
-    """The absolute path of the folder that Install Engine takes all packages from, "" for none."""
+    """The absolute path of the folder from which Install Engine takes all packages; "" for none."""
     chosen = preferences()
     return bpy.path.abspath(chosen.wheels) if chosen is not None and chosen.wheels else ""
 
 
 def asked_model() -> tuple[str, str, str]:
-    """Address, name and key of the vision-language model; "" for what is not given."""
+    """Address, name and key of the vision-language model; "" for each one that is not set."""
     chosen = preferences()
     return ("", "", "") if chosen is None else (chosen.material_endpoint, chosen.material_model, chosen.material_key)

@@ -1,6 +1,6 @@
-"""The engine's own Python: where it is. `install` makes it.
+"""Finding the engine's own Python. `install` makes it.
 
-Found in this order: the preference, SEEING_WIND_PYTHON, the environment that Install Engine made in the extension's user folder, and a
+Searched in this order: the preference, SEEING_WIND_PYTHON, the environment that Install Engine made in the extension's user folder, and a
 `.venv` beside the source (development).
 """
 
@@ -23,13 +23,13 @@ from . import standalone
 from .choices import EXTENSION, preferred_python
 
 VERSIONS = ((3, 11), (3, 12), (3, 13))
-"""Pythons that the engine's packages have wheels for."""
+"""Python versions for which the engine's packages have wheels."""
 
 MARKER = ".complete"
-"""Written into an environment when all packages are in it."""
+"""File written into an environment once it is complete."""
 
 LONGEST_INSIDE = 189
-"""Characters of the longest path inside an environment: a licence in PyTorch's wheel."""
+"""Length of the longest path inside an environment [characters]: a licence in PyTorch's wheel."""
 
 PROBE_SECONDS = 10.0
 
@@ -38,27 +38,27 @@ ABLE = (
     "made = glob.glob(os.path.join(os.path.dirname(venv.__file__), 'scripts', 'nt', '*.exe'));"
     "print(*sys.version_info[:2]) if made or os.name != 'nt' else None"
 )
-"""Prints the version of a Python that can make environments. On Windows it copies a launcher for that, which some builds leave out."""
+"""Code that prints the version of a Python if it can make environments. On Windows, that needs a launcher which some builds lack."""
 
 
 class NoOnlineAccess(SeeingWindError):
-    """Something must be downloaded and the user has not allowed it."""
+    """Something must be downloaded, but the user has not allowed online access."""
 
     mend = "allow_online"
 
 
 class WrongPython(SeeingWindError):
-    """The preference names something that is no Python."""
+    """The preference, or SEEING_WIND_PYTHON, names a Python that does not exist."""
 
     mend = "open_preferences"
 
 
 class NoPython(SeeingWindError):
-    """There is no Python of a version that the engine's packages are built for."""
+    """There is no Python of a version for which the engine's packages are built."""
 
 
 class FetchablePython(NoPython):
-    """There is none, but one can be fetched."""
+    """There is no such Python, but one can be fetched."""
 
     mend = "fetch_python"
 
@@ -68,7 +68,7 @@ def engine_python() -> str:
 
     Raises:
         WrongPython: when the preference or SEEING_WIND_PYTHON names no file.
-        MissingPackage: when there is none; `mend` names the operator that installs it.
+        MissingPackage: when no Python is found; `mend` names the operator that installs the engine.
     """
     for chosen, where in ((preferred_python(), "the preferences"), (os.environ.get("SEEING_WIND_PYTHON", ""), "SEEING_WIND_PYTHON")):
         if chosen:
@@ -87,16 +87,16 @@ def engine_python() -> str:
 
 
 def user_environment(create: bool) -> Path | None:
-    """The folder of the environment that Install Engine makes; None where this is no installed extension.
+    """The folder of the environment that Install Engine makes; None if this is not an installed extension.
 
-    Blender deletes it with the extension, except on a Windows that takes no long paths: there PyTorch's would not fit below Blender's
-    folder, and it is `seeing_wind` in the user's local application data.
+    It lies in the extension's user folder, which Blender deletes with the extension. On a Windows without long paths, where PyTorch's files
+    would not fit there, it lies in `seeing_wind` in the user's local application data instead.
     """
     if not EXTENSION.startswith("bl_ext."):
         return None
     try:
         folder = Path(bpy.utils.extension_path_user(EXTENSION, path="engine", create=create))
-    except ValueError:  # enabled in another way than through a repository
+    except ValueError:  # not enabled through a repository
         return None
     local = os.environ.get("LOCALAPPDATA")
     if not local or not systems.too_long(folder, LONGEST_INSIDE):
@@ -108,12 +108,12 @@ def user_environment(create: bool) -> Path | None:
 
 
 def executable(folder: Path) -> Path:
-    """The Python of a virtual environment."""
+    """The Python executable of a virtual environment."""
     return folder / "Scripts" / "python.exe" if systems.windows() else folder / "bin" / "python"
 
 
 def base_python() -> str:
-    """A Python to make the environment with: Blender's own if it can, else one of the system, else the one that was fetched.
+    """A Python that can make the environment: Blender's own if possible, else one of the system, else the fetched one.
 
     Raises:
         NoPython: when there is none of a version that the engine's packages are built for.
@@ -134,14 +134,14 @@ def base_python() -> str:
 
 
 def candidates() -> Iterator[str]:
-    """Programs that may be a Python for the engine, Blender's own first; none is tried yet."""
+    """Executables that may be a suitable Python, Blender's own first; they are not checked yet."""
     yield sys.executable
     launcher = shutil.which("py") if systems.windows() else None
     for major, minor in reversed(VERSIONS):
         found = shutil.which(f"python{major}.{minor}")
         if found:
             yield found
-        if launcher:  # of python.org's installer, which puts no Python on the PATH
+        if launcher:  # from python.org's installer, which puts no Python on the PATH
             said = said_by([launcher, f"-{major}.{minor}"], "import sys; print(sys.executable)").strip()
             if said:
                 yield said
@@ -155,16 +155,16 @@ def candidates() -> Iterator[str]:
 
 
 def version_of(candidate: str) -> tuple[int, int] | None:
-    """The version of a Python that can make environments, None for anything else."""
+    """The version of a Python that can make environments; None for anything else."""
     try:
         major, minor = said_by([candidate], ABLE).split()
         return int(major), int(minor)
-    except ValueError:  # no such Python: the next candidate
+    except ValueError:  # not a suitable Python: try the next candidate
         return None
 
 
 def said_by(python: list[str], code: str) -> str:
-    """What `python -c code` prints; "" where it is not there or hangs."""
+    """The output of `python -c code`; "" if the program is missing or hangs."""
     try:
         answer = subprocess.run(
             [*python, "-c", code], stdin=subprocess.DEVNULL, capture_output=True, encoding="utf-8", errors="replace",
@@ -176,7 +176,7 @@ def said_by(python: list[str], code: str) -> str:
 
 
 def refresh() -> None:
-    """Look for the engine and keep what the panel says about it."""
+    """Look for the engine, and store the result for the panel."""
     former = status.engine.python
     try:
         status.engine.python, status.engine.problem = engine_python(), None

@@ -1,7 +1,7 @@
-"""Fetches a standalone Python: `python fetch_python.py URL SHA256 FOLDER`, a program of its own that needs the standard library only.
+"""Fetches a standalone Python: `python fetch_python.py URL SHA256 FOLDER`, a separate program that needs only the standard library.
 
-Speaks the worker's protocol on stdout (see `job.worker`). FOLDER appears when all of it is unpacked; an interrupted try leaves a
-neighbour that the next one removes.
+It uses the worker's protocol on stdout (see `job.worker`). FOLDER appears once everything is unpacked; an interrupted attempt leaves a
+folder beside it that the next attempt removes.
 """
 
 from __future__ import annotations
@@ -22,20 +22,20 @@ from typing import IO
 
 TRIES = 3
 WAIT_SECONDS = 2.0
-"""Between two tries to download."""
+"""Pause between two attempts to download."""
 STALL_SECONDS = 60.0
 CHUNK = 1 << 18
 MOST = 300_000_000
-"""Bytes of an archive; a server that sends more has something else."""
+"""Largest size of an archive [bytes]; a server that sends more has sent something else."""
 OR_ELSE = "or install Python 3.11 to 3.13 from your system or python.org."
 
 
 class Refused(Exception):
-    """What was fetched is not what it should be: what happened, and what to do."""
+    """The fetched file is not the expected one; the text says why."""
 
 
 def say(**message: object) -> None:
-    """One message."""
+    """Print one message of the protocol."""
     print(json.dumps(message), flush=True)
 
 
@@ -66,16 +66,16 @@ def main(argv: list[str]) -> int:
 
 
 def failed(message: str, hint: str) -> int:
-    """What happened and what to do; returns the exit code."""
+    """Print what happened and what to do; returns the exit code."""
     say(type="error", message=message, hint=hint)
     return 1
 
 
 def fetch(url: str, sha256: str, archive: Path) -> None:
-    """Download to `archive`; tried again where the connection breaks.
+    """Download to `archive`, with further attempts if the connection breaks.
 
     Raises:
-        Refused: when the hash is not the one that is known. OSError: when it cannot be had or kept.
+        Refused: when the hash is not the expected one. OSError: when the file cannot be downloaded or written.
     """
     for left in reversed(range(TRIES)):
         digest = hashlib.sha256()
@@ -94,10 +94,10 @@ def fetch(url: str, sha256: str, archive: Path) -> None:
 
 
 def download(url: str) -> Iterator[bytes]:
-    """The content of a file, with progress.
+    """The content of a file in pieces; prints progress.
 
     Raises:
-        ConnectionError: when it ends early. Refused: when it is far too large. URLError: when there is none.
+        ConnectionError: when it ends early. Refused: when it is too large. URLError: when it is not available.
     """
     with opened(url) as answer:
         whole, here, told = int(answer.headers.get("Content-Length") or 0), 0, -1
@@ -115,7 +115,7 @@ def download(url: str) -> Iterator[bytes]:
 
 
 def opened(url: str) -> IO[bytes]:
-    """The answer of the server; its certificate is checked against the system's, else certifi's, which Blender brings along."""
+    """The server's response. Its certificate is checked against the system's, or else against those of certifi, which comes with Blender."""
     try:
         return urllib.request.urlopen(url, timeout=STALL_SECONDS)
     except urllib.error.URLError as error:
@@ -129,10 +129,10 @@ def opened(url: str) -> IO[bytes]:
 
 
 def unpack(archive: Path, folder: Path) -> None:
-    """Unpack what lies in the archive's folder `python` as `folder`.
+    """Unpack the contents of the archive's folder `python` into `folder`.
 
     Raises:
-        Refused: when something in it would lie elsewhere. TarError, OSError: when it cannot be read or written.
+        Refused: when a member lies outside that folder. TarError, OSError: when something cannot be read or written.
     """
     with tarfile.open(archive, "r:gz") as content:
         members = []
@@ -142,7 +142,7 @@ def unpack(archive: Path, folder: Path) -> None:
                 raise Refused(f"it holds {member.name}")
             if not inside:
                 continue
-            if member.islnk():  # a hard link names its target by the whole path in the archive
+            if member.islnk():  # a hard link names its target by the full path in the archive
                 member.linkname = member.linkname.removeprefix("python/")
             member.name = inside
             members.append(member)
@@ -154,10 +154,10 @@ def unpack(archive: Path, folder: Path) -> None:
 
 
 def settle(aside: Path, folder: Path) -> None:
-    """Rename `aside`. On Windows a scanner of viruses may hold its new files for a while.
+    """Rename `aside` to `folder`, with retries: on Windows, a virus scanner may hold new files open for a while.
 
     Raises:
-        OSError: when that cannot be done.
+        OSError: when renaming fails.
     """
     for pause in (0.2, 0.5, 1.0, 2.0):
         try:

@@ -1,7 +1,7 @@
 """Install Engine: a Python environment of its own for the engine, as a job of several programs.
 
-It lies in the extension's user folder, which Blender deletes with the extension. What a broken download or a cancel leaves is used by the
-next try: the environment is kept, and so are the packages that pip has fetched (`CACHE`), until everything is there.
+See `environment.user_environment` for its place. After a broken download or a cancel, the next attempt continues: the environment is kept,
+and so are the packages that pip has fetched (`CACHE`), until everything is installed.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ from .choices import folder_of_wheels
 from .environment import MARKER, NoOnlineAccess, base_python, executable, said_by, user_environment
 
 CACHE = "downloads"
-"""Folder of pip's cache inside the environment's."""
+"""Folder of pip's cache inside the environment."""
 
 CPU_INDEX = "https://download.pytorch.org/whl/cpu"
-"""PyTorch's own index of builds for the processor. On Linux the build on PyPI brings several GB for graphics cards, which nothing uses."""
+"""PyTorch's own index of CPU builds. On Linux, the build on PyPI comes with several GB for graphics cards, which are not used."""
 
 ALLOW = "Allow Online Access in Preferences > System > Network."
 FETCHING = "Fetching a Python"
@@ -34,18 +34,18 @@ TRYING = "Trying the engine"
 AGAIN = "Press Install Engine again: it goes on with what has been downloaded."
 
 RETRIES = ("--retries", "8", "--timeout", "60")
-"""Of a connection that breaks or stalls."""
+"""pip's options for connections that break or stall."""
 
 
 def install(fetch_python: bool = False) -> worker.Messages:
     """Make the environment and install the engine's packages, as a job.
 
     Args:
-        fetch_python: where no Python fits, fetch one first.
+        fetch_python: if no Python fits, fetch one first.
 
     Raises:
         NoOnlineAccess: when Blender may not go online and no folder of wheels is named.
-        UsageError: when the folder of wheels is not there.
+        UsageError: when the folder of wheels does not exist.
         SeeingWindError: when there is no fitting Python or no place for the environment.
     """
     wheels = folder_of_wheels()
@@ -72,22 +72,22 @@ def install(fetch_python: bool = False) -> worker.Messages:
     if not bpy.app.online_access:
         raise NoOnlineAccess("Fetching a Python needs the network, and Blender may not use it.", ALLOW)
     home = standalone.place(create=True)
-    assert home is not None  # or it could not have been offered
+    assert home is not None  # otherwise it would not have been offered
     return _fetched_first(home, folder, wheels)
 
 
 class Program(NamedTuple):
-    """One of the programs that are run."""
+    """One of the programs that the job runs."""
 
     title: str
     first: float
-    """Of the whole job's progress, where it begins."""
+    """Progress of the whole job at which this program begins."""
     last: float
     command: list[str]
 
 
 def _fetched_first(home: Path, folder: Path, wheels: str) -> worker.Messages:
-    """Fetch a Python into `home`, and go on with the installation."""
+    """Fetch a Python into `home`, then continue with the installation."""
     fetching = Program(FETCHING, 0.0, 0.01, standalone.command(home))
     yield [{"type": "progress", "fraction": fetching.first, "message": FETCHING}]
     last = yield from _told(worker.run(fetching.command, cwd=str(home.parent), env=environment(), grace=0.0), fetching)
@@ -97,12 +97,12 @@ def _fetched_first(home: Path, folder: Path, wheels: str) -> worker.Messages:
 
 
 def run(base: str, folder: Path, wheels: str) -> worker.Messages:
-    """All programs one after the other; the marker is written when the engine has said that it is well."""
+    """Run all programs one after the other; the marker is written once the engine has passed its own check."""
     (folder / MARKER).unlink(missing_ok=True)
     last: worker.Message = {}
     for program in programs(base, folder, wheels):
         yield [{"type": "progress", "fraction": program.first, "message": program.title}]
-        # only the engine listens to a request to stop; pip is ended, and what it has fetched stays
+        # only the engine handles a request to stop; pip is ended, and the packages it has fetched are kept
         last = yield from _told(worker.run(program.command, cwd=str(folder), env=environment(), grace=0.0), program)
         if last["outcome"] != "done":
             return last
@@ -112,7 +112,7 @@ def run(base: str, folder: Path, wheels: str) -> worker.Messages:
 
 
 def programs(base: str, folder: Path, wheels: str) -> list[Program]:
-    """What is to be run.
+    """The programs to run.
 
     Args:
         base: a Python that can make environments.
@@ -121,10 +121,10 @@ def programs(base: str, folder: Path, wheels: str) -> list[Program]:
     python = str(executable(folder))
     pip = [python, "-m", "pip", "install", "--no-input", "--disable-pip-version-check", "--progress-bar", "off"]
     engine = ROOT / "seeing_wind" / "engine"
-    # --clear empties the folder with the cache in it: only an environment that is no good loses it
+    # --clear also deletes the cache in the folder, so it is used only if the environment is unusable
     made = [] if _runs(python) else [Program("Making the environment", 0.01, 0.03, [base, "-m", "venv", "--clear", str(folder)])]
     trying = Program(TRYING, 0.95, 1.0, command(python, "doctor"))
-    # All that PyTorch needs on a processor is locked with the rest.
+    # all that PyTorch needs on a CPU is locked with the other packages
     pytorch, packages = ["--no-deps", "-r", str(engine / "torch.lock")], ["--require-hashes", "-r", str(engine / "requirements.lock")]
     if wheels:
         local = [*pip, "--no-index", "--find-links", wheels]
@@ -145,17 +145,17 @@ def programs(base: str, folder: Path, wheels: str) -> list[Program]:
 
 
 def torch_index(platform: str = sys.platform) -> list[str]:
-    """pip's option for the build of PyTorch; empty where PyPI has it, on macOS."""
+    """pip's option for the CPU build of PyTorch; empty on macOS, where PyPI has it."""
     return [] if platform == "darwin" else ["--index-url", CPU_INDEX]
 
 
 def _runs(python: str) -> bool:
-    """Whether an environment that an earlier try left has a Python with pip."""
+    """Whether an environment left by an earlier attempt has a working Python with pip."""
     return Path(python).is_file() and said_by([python], "import pip; print('yes')").strip() == "yes"
 
 
 def _told(messages: worker.Messages, program: Program) -> worker.Messages:
-    """pip's lines as progress: each package brings the bar nearer to the program's end, which nobody knows beforehand."""
+    """Turn pip's lines into progress: each package moves the bar closer to the program's end, as their number is not known beforehand."""
     fraction, cancel = program.first, None
     try:
         batch = next(messages)

@@ -1,4 +1,4 @@
-"""The engine itself: install it, and have it examined."""
+"""Operators for the engine itself: install it, and check it."""
 
 import bpy
 
@@ -13,17 +13,17 @@ TEXT = "Seeing Wind Engine"
 
 
 class InstallOperator(JobOperator):
-    """Mix-in of both ways to install. (Of an operator that is registered Blender lets none be derived.)"""
+    """Mix-in for both ways to install. (Blender does not allow a class derived from a registered operator.)"""
 
     step = "engine"
     fetch_python = False
 
     def start(self, scene):
-        """Only with the user's consent to go online, or from a folder of wheels."""
+        """Start the installation, which needs online access or a folder of wheels."""
         return install.install(self.fetch_python)
 
     def finish(self, scene, result):
-        """From now on it is found."""
+        """Look for the engine again, which is found now."""
         engine_environment.refresh()
         return "The engine is installed"
 
@@ -51,13 +51,13 @@ class SEEING_WIND_OT_doctor(JobOperator, bpy.types.Operator):
     step = "engine"
 
     def start(self, scene):
-        """The engine examines itself."""
+        """Run the engine's check of itself."""
         engine_environment.refresh()
         call = command(engine_environment.engine_python(), "doctor")
         return worker.run(call, cwd=str(ROOT), env=environment())
 
     def finish(self, scene, result):
-        """The findings as a text that the Text Editor shows; what the engine needs and has not is an error of its own."""
+        """Write the findings into a text for the Text Editor. If a needed part is missing, the job fails instead."""
         checks = result.get("checks", [])
         further = [check for check in checks if check.get("optional")]
         rest = [check for check in checks if not check.get("optional")]
@@ -80,7 +80,7 @@ class SEEING_WIND_OT_open_preferences(bpy.types.Operator):
     bl_label = "Open Preferences"
 
     def execute(self, context):
-        """Blender's own way there."""
+        """Open them with Blender's own operator."""
         return bpy.ops.preferences.addon_show(module=EXTENSION)
 
 

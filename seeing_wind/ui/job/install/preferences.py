@@ -1,4 +1,4 @@
-"""The extension's preferences: where the engine is or comes from, and whom to ask what is in a clip."""
+"""The extension's preferences: where the engine is or comes from, and which model to ask what is in a clip."""
 
 import bpy
 from bpy.props import StringProperty
@@ -36,7 +36,7 @@ class SEEING_WIND_AP_preferences(bpy.types.AddonPreferences):
     )  # fmt: skip
 
     def draw(self, context) -> None:
-        """The engine, then the model."""
+        """Draw the engine's settings, then the model's."""
         self.layout.use_property_split = True
         column = _part(self.layout, "Engine")
         column.prop(self, "python")
@@ -53,7 +53,7 @@ class SEEING_WIND_AP_preferences(bpy.types.AddonPreferences):
 
 
 def _part(layout, title: str):
-    """A column under a title; Blender leaves out the heading of a column whose first property has a name."""
+    """A column under a title; Blender omits the heading of a column whose first property has a name."""
     layout.label(text=title)
     return layout.column()
 

@@ -1,4 +1,4 @@
-"""A Python of the engine's own, for systems that have none that its packages are built for."""
+"""A Python for the engine alone, for systems without a version for which its packages are built."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ SYSTEMS = {
     ("Linux", "x86_64"): "x86_64-unknown-linux-gnu",
     ("Windows", "AMD64"): "x86_64-pc-windows-msvc",
 }
-"""Names of the builds, by what `platform` calls a system and its processor."""
+"""Names of the builds, by system and processor as in `platform`."""
 
 
 def build() -> tuple[str, str] | None:
-    """Address and SHA-256 of the Python for this system; None where there is none."""
+    """Address and SHA-256 of the Python build for this system; None if there is none."""
     known = tomllib.loads((HERE / "standalone.toml").read_text(encoding="utf-8"))
     name = SYSTEMS.get((platform.system(), platform.machine()), "")
     if name not in known["sha256"]:
@@ -37,25 +37,25 @@ def build() -> tuple[str, str] | None:
 
 
 def place(create: bool) -> Path | None:
-    """The folder that it lies in or will lie in; None where this is no installed extension."""
+    """The folder of the standalone Python, existing or not; None if this is not an installed extension."""
     if not EXTENSION.startswith("bl_ext."):
         return None
     try:
         return Path(bpy.utils.extension_path_user(EXTENSION, path="python", create=create)) / "standalone"
-    except ValueError:  # enabled in another way than through a repository
+    except ValueError:  # not enabled through a repository
         return None
 
 
 def executable(folder: Path) -> Path:
-    """Its program."""
+    """The executable of the standalone Python in `folder`."""
     return folder / "python.exe" if systems.windows() else folder / "bin" / "python3"
 
 
 def command(folder: Path) -> list[str]:
-    """The program that fetches it into `folder`, run by Blender's own Python whatever version that is.
+    """The command line that fetches the Python into `folder`; it is run by Blender's own Python, whatever its version.
 
     Raises:
-        KeyError: where there is none for this system.
+        KeyError: when there is no build for this system.
     """
     found = build()
     if found is None:
