@@ -1,24 +1,24 @@
-"""The Blender side. Imports bpy, NumPy and the engine's ground floor; never torch, Taichi or OpenCV.
+"""The Blender side. It imports bpy, NumPy and the engine's lowest layer; never torch, Taichi or OpenCV.
 
-job        the worker process, what the panel shows of it, the takes on disk; `install`: the engine's Python
-clip       the video; `inputs`: what Blender knows of it; `object`: what is followed in it
+job        the worker process, its status in the panel, the takes on disk; `install`: the engine's Python
+clip       the video; `inputs`: what Blender knows of it; `object`: the object that is followed in it
 recover    the request to the engine, and its results as objects of the scene
 field      the force field object, its arrows and legend; `solvers`: how Blender's own solvers feel it
-edit       the bodies that are put into the field; `resimulate`: how they move in it
+edit       the bodies that are inserted into the field; `resimulate`: their simulation in it
 bake       motion as keyframes
 composite  the edit over the clip
 
-A feature has the same doors: `properties` (its settings), `operators` (thin: gather, call one function, report), `panel`; the rest is its
-core. What needs NumPy is imported where it is used, so that switching on stays quick. Beside the features:
+Every feature has the same entry points: `properties` (its settings), `operators` (thin: gather, call one function, report) and `panel`; the
+rest is its core. Modules that need NumPy are imported where they are used, so that switching on stays quick. Besides the features:
 
 scene_properties         all settings of a scene
-option_properties        properties made of the engine's options; property_kinds: of what else they are made
-direct_operator          what operators without a job share
-freshness                which step is done, which is stale
+option_properties        properties made from the engine's options; property_kinds: other kinds of properties
+direct_operator          the base of operators without a job
+freshness                which steps are done, which are stale
 commands, batch          `blender --command seeing_wind`
-scene_mesh, scene_units  meshes of the scene as arrays; its metres
+scene_mesh, scene_units  meshes of the scene as arrays; the scene's unit of length
 user_paths               paths as the user writes them, relative in a saved file
-at_exit                  what is to be done when the process ends
+at_exit                  clean-up when the process ends
 """
 
 from __future__ import annotations
@@ -76,12 +76,12 @@ FEATURES = (
     bake_operators, bake_panel,
     composite_properties, composite_operators, composite_panel,
 )  # fmt: skip
-"""What is switched on, in the order of the work; the scene's settings come last, being made of theirs."""
+"""Modules whose classes are registered, in the order of the work; the scene's settings come last, as they are composed of theirs."""
 
 CLASSES = tuple(cls for door in (job_operator, job_notes, *FEATURES, scene_properties) for cls in door.CLASSES)
 
 HANDLERS = (scene_properties, freshness, clip_marked, job_operator, take_along, user_paths, library_copies, commands)
-"""What is more than classes."""
+"""Modules that register more than classes."""
 
 
 def register() -> None:
@@ -105,7 +105,7 @@ def unregister() -> None:
 
 
 def look_round() -> None:
-    """While it is being switched on, Blender lends no data: the first look at the scenes comes right after."""
+    """First refresh of engine and scenes, by a timer: Blender gives no access to data while it switches an extension on."""
     environment.refresh()
     freshness.refresh_all()
 

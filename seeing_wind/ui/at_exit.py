@@ -1,7 +1,7 @@
-"""What is to be done when the process ends.
+"""Clean-up when the process ends.
 
-Blender as a Python module (4.5.15) is taken down when Python lets go of `bpy`. It hangs if that happens after its handlers' functions or
-the last modules are gone, so at exit this package lets go of everything first. A module of its own, without bpy, for the same reason.
+Blender as a Python module (4.5.15) shuts down when Python releases `bpy`. It hangs if that happens after its handlers' functions or the
+last modules are gone, so at exit this package releases everything first. It is a module of its own, without bpy, for the same reason.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from collections.abc import Callable
 
 actions: list[Callable[[], None]] = []
 let_go = False
-"""Whether Blender is a module of this process."""
+"""Whether Blender runs as a module of this process, so that all modules must be released."""
 
 
 def _leave() -> None:

@@ -1,6 +1,7 @@
-"""Results into files, without a window: `batch JOBS.toml`, and `bake`, one step of it for farms that run the steps themselves.
+"""Writing results into files without a window: `batch JOBS.toml`, and `bake`, a single step for farms that run the steps themselves.
 
-The file of jobs, the order and the summary are the engine's (`engine/command/batch/`); here is what needs Blender: build, save, render.
+The file of jobs, the order and the summary are handled by the engine (`engine/command/batch/`); what needs Blender is here: build, save,
+render.
 """
 
 from __future__ import annotations
@@ -28,10 +29,10 @@ Show = Callable[[worker.Message], None]
 
 
 def batch(options: list[str], out: console.Console) -> int:
-    """`batch JOBS.toml [--again]`: all jobs of a file; returns the exit code. With `--ray` or `--openjd` it is the engine's verb.
+    """`batch JOBS.toml [--again]`: run all jobs of a file; returns the exit code. With `--ray` or `--openjd`, the engine does it.
 
     Raises:
-        UsageError: for wrong options, or a file that is none.
+        UsageError: for wrong options, or a file that is not a valid file of jobs.
     """
     from ..engine.command.batch.in_order import run_in_order  # needs NumPy
     from ..engine.command.batch.jobs import read_jobs
@@ -51,7 +52,7 @@ def batch(options: list[str], out: console.Console) -> int:
 
 
 def _do(python: str, summary: Summary, each: Job, made: bool, out: console.Console) -> None:
-    """One job; `made`: its takes are there. Raises SeeingWindError with what the worker said, or Cancelled."""
+    """Run one job; `made`: whether its takes exist already. Raises SeeingWindError with the worker's message, or Cancelled."""
     said: list[str] = []
 
     def show(message: worker.Message) -> None:
@@ -80,9 +81,9 @@ def _do(python: str, summary: Summary, each: Job, made: bool, out: console.Conso
 
 
 def bake(options: list[str], out: console.Console) -> int:
-    """`bake TAKE [--edit-take DIR] [--clip CLIP] [--composite] --save FILE.blend`: a file with what is in the takes; returns the exit code.
+    """`bake TAKE [--edit-take DIR] [--clip CLIP] [--composite] --save FILE.blend`: save the contents of takes; returns the exit code.
 
-    With `--composite` the file renders over the clip as it is, in a Blender without this extension.
+    With `--composite`, the file is ready to be rendered over the clip, in a Blender without this extension.
 
     Raises:
         UsageError: for wrong options.
@@ -114,7 +115,7 @@ BAKE = "blender --command seeing_wind bake TAKE [--edit-take DIR] [--clip CLIP] 
 
 
 def run_verb(python: str, verb: str, options: list[str], show: Show) -> int:
-    """Run the worker in the user's own folder, so that relative paths mean what they say; returns its exit code."""
+    """Run the worker in the current folder, so that relative paths are resolved as the user expects; returns its exit code."""
     call = command(python, verb, *options)
     key = asked_model()[2] if any(option.startswith("--material-endpoint") for option in options) else ""
     last = worker.wait(worker.run(call, cwd=os.getcwd(), env=environment(key) | {"PYTHONSAFEPATH": "1"}), show)
@@ -122,7 +123,7 @@ def run_verb(python: str, verb: str, options: list[str], show: Show) -> int:
 
 
 def build(python: str, source: Path, clip: str, edit: Path | None, show: Show) -> int:
-    """An empty file with the results of a take, and of a re-simulation; returns the exit code."""
+    """Start from an empty file and load the results of a take, and of a re-simulation if given; returns the exit code."""
     from .recover import results, sampling, simulated  # need NumPy
 
     bpy.ops.wm.read_factory_settings(use_empty=True)
@@ -142,7 +143,7 @@ def build(python: str, source: Path, clip: str, edit: Path | None, show: Show) -
 
 
 def save_file(save: str) -> None:
-    """Save the file under this path. Raises SeeingWindError where that cannot be."""
+    """Save the file under this path. Raises SeeingWindError when that fails."""
     path = os.path.abspath(save)
     try:
         os.makedirs(os.path.dirname(path), exist_ok=True)
@@ -154,5 +155,5 @@ def save_file(save: str) -> None:
 
 
 def switch_on() -> None:
-    """Register the whole extension. The package, which knows all of it, puts its own function in this one's place."""
+    """Register the whole extension. Placeholder, which the package `ui` replaces by its own `register`."""
     raise NotImplementedError

@@ -1,8 +1,8 @@
-"""`blender --command seeing_wind VERB ...`: the worker's verbs and options, unchanged, with Blender's scene on top.
+"""`blender --command seeing_wind VERB ...`: the worker's verbs and options, unchanged, with Blender's scene in addition.
 
-`recover`, `recover-trajectories` and `resimulate` also take `--save FILE.blend`; `batch JOBS.toml` does many of them, and `bake` makes a
-file of takes that are there, see `batch`. Exit codes are the worker's: 0 done, 1 the work failed, 2 what was given cannot be
-used, 3 done with warnings, 130 cancelled.
+`recover`, `recover-trajectories` and `resimulate` also take `--save FILE.blend`; `batch JOBS.toml` runs many of them, and `bake` makes
+a file from existing takes, see `batch`. Exit codes are the worker's: 0 done, 1 the work failed, 2 the input cannot be used, 3 done with
+warnings, 130 cancelled.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from .job.worker_command import command, environment
 NAME = "seeing_wind"
 VERBS = ("observe", "recover", "recover-trajectories", "sample", "resimulate", "export", "join", "identify", "doctor")
 FILED = ("batch", "bake")
-"""Verbs that this side has of its own; functions of `batch`."""
+"""Verbs of the Blender side, which are functions of `batch`."""
 SAVES = ("recover", "recover-trajectories", "resimulate")
 
 USAGE = f"""usage: blender --command {NAME} VERB ...
@@ -61,7 +61,7 @@ def _split(argv: list[str]) -> tuple[str, list[str], str]:
     """Verb, the worker's options, and the file to save ("" for none).
 
     Raises:
-        UsageError: for an unknown verb, or a --save that makes no sense.
+        UsageError: for an unknown verb, or an invalid --save.
     """
     verb, options, save = argv[0], [], ""
     if verb not in VERBS:
@@ -80,9 +80,10 @@ def _split(argv: list[str]) -> tuple[str, list[str], str]:
 
 
 def _save(python: str, verb: str, options: list[str], save: str, out: console.Console) -> int:
-    """A new file with the results: the field and the recovered object, and for a re-simulation its bodies with their motion."""
+    """Save a new file with the results: the field, the recovered object, and for a re-simulation its bodies with their motion. Returns the
+    exit code."""
     take = Path(value_of(options, "--take")).resolve()
-    # The folder of the recovered field is the verb's own argument where --take names the re-simulation.
+    # for `resimulate`, --take names the re-simulation, and the verb's argument the recovered field
     source = Path(options[0]).resolve() if verb == "resimulate" else take
     clip = str(Path(options[0]).resolve()) if verb == "recover" else ""
     code = batch.build(python, source, clip, take if verb == "resimulate" else None, out.show)
@@ -92,7 +93,7 @@ def _save(python: str, verb: str, options: list[str], save: str, out: console.Co
 
 
 def value_of(options: list[str], name: str) -> str:
-    """The value of an option that the worker has accepted already."""
+    """The value of an option that the worker has accepted already. Raises UsageError when it is missing."""
     for index, word in enumerate(options):
         if word == name:
             return options[index + 1]
@@ -105,14 +106,14 @@ _handle: object | None = None
 
 
 def register() -> None:
-    """Make the command known."""
+    """Register the command with Blender."""
     global _handle
     unregister()
     _handle = bpy.utils.register_cli_command(NAME, main)
 
 
 def unregister() -> None:
-    """Forget the command."""
+    """Unregister the command."""
     global _handle
     if _handle is not None:
         bpy.utils.unregister_cli_command(_handle)

@@ -1,4 +1,4 @@
-"""Operators that do their work at once, in Blender's own process; `job/operator.py` has those that start a worker."""
+"""The base of operators that do their work at once, in Blender's process; `job/operator.py` is for those that start a worker."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from .job import status, worker
 
 
 class DirectOperator:
-    """Mix-in: a function that may raise SeeingWindError, run and reported."""
+    """Mix-in for operators: runs `act`, which may raise SeeingWindError, and reports the result."""
 
     bl_options = {"REGISTER", "UNDO"}
 
     def act(self, context) -> str:
-        """Do it; returns what to tell the user."""
+        """Do the work; returns the message for the user."""
         raise NotImplementedError
 
     def execute(self, context):

@@ -1,4 +1,4 @@
-"""Which step is done, and which is stale because its settings have changed since. Runs on a change, an undo and a load, never in `draw`."""
+"""Which steps are done, and which are stale as their settings have changed since. Runs after changes, undos and loads, never in `draw`."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def refresh(scene: bpy.types.Scene) -> None:
     clip = _attempt(now, "clip", lambda: clip_options(settings, values), bool(settings.clip))
     begun = any(settings.box) or settings.object_mode != "BOX"
     marked = _attempt(now, "object", lambda: object_options(settings, values, take / INPUTS), begun)
-    lacking = f"{now.steps['clip'].message} {now.steps['object'].message}"  # in place of a digest
+    lacking = f"{now.steps['clip'].message} {now.steps['object'].message}"  # used in place of a digest
     status.derive(now, "preview", preview_digest(clip, marked) if clip and marked else lacking, settings.previewed_digest)
     now.foreseen = bool(clip and marked) and foreseen_digest(values, clip, marked) == settings.foreseen_digest
     recover = RecoverRequest.from_parts(scene, values, take, clip, marked).digest() if clip and marked else lacking
@@ -52,15 +52,15 @@ def refresh(scene: bpy.types.Scene) -> None:
 
 
 def refresh_all() -> None:
-    """All scenes."""
+    """Bring the status of all scenes up to date."""
     for scene in bpy.data.scenes:
         refresh(scene)
 
 
 def _attempt(now: status.SceneStatus, step: str, gather: Callable[[], T], started: bool) -> T | None:
-    """A step that is done as soon as its settings make sense; nothing is said while the user has not begun with it.
+    """Set the status of a step that is done as soon as its settings are valid; before the user has begun with it, it is idle, not failed.
 
-    Returns what `gather` did, None where it could not.
+    Returns the result of `gather`, None if it raised an error.
     """
     try:
         gathered = gather()
@@ -73,7 +73,7 @@ def _attempt(now: status.SceneStatus, step: str, gather: Callable[[], T], starte
 
 
 def _name_as_objects(settings: bpy.types.PropertyGroup) -> None:
-    """Note what bodies and colliders are called now: of an object that is gone, the list still says what the user called it last."""
+    """Store the present names of bodies and colliders, so that the list still shows the last name of an object that is gone."""
     for each in (*settings.bodies, *settings.colliders):
         if each.name != each.called:
             each.name = each.called
@@ -98,7 +98,7 @@ def _after_load(*_: object) -> None:
     status.forget_all()
     forget_geometry()
     for scene in bpy.data.scenes:
-        if len(scene.seeing_wind.bodies):  # where they stand is known once Blender has evaluated them
+        if len(scene.seeing_wind.bodies):  # their places are known only after Blender has evaluated them
             scene.view_layers[0].update()
         _see_what_was_overtaken(scene)
     refresh_all()
@@ -107,7 +107,7 @@ def _after_load(*_: object) -> None:
 
 
 def _see_what_was_overtaken(scene: bpy.types.Scene) -> None:
-    """Another version of the file, or another Blender, may have simulated its own edit into the folder since this one was saved."""
+    """Note if another version of the file, or another Blender, has simulated its own edit into the folder since this file was saved."""
     settings = scene.seeing_wind
     if not settings.simulated_stamp:
         return
@@ -115,12 +115,12 @@ def _see_what_was_overtaken(scene: bpy.types.Scene) -> None:
         folder = simulated(settings)
         if folder.is_dir() and stamp_of(folder, "resimulate") != settings.simulated_stamp:
             status.of(scene.session_uid).overtaken = settings.simulated_stamp
-    except SeeingWindError:  # damaged or nowhere: what needs the motion says so
+    except SeeingWindError:  # damaged or missing: reported where the motion is needed
         return
 
 
 def _say_what_was_cut_off(scene: bpy.types.Scene) -> None:
-    """The file was saved while a job ran: its worker has ended with that Blender, its finished stages lie in the take."""
+    """Set a message if the file was saved while a job ran: its worker ended with that Blender, but its finished stages are in the take."""
     step, now = scene.seeing_wind.unfinished, status.of(scene.session_uid)
     if step in now.steps:
         title = {"resimulate": "Re-simulate", status.EDIT_PREVIEW: "Preview"}.get(step, step.capitalize())
@@ -129,7 +129,7 @@ def _say_what_was_cut_off(scene: bpy.types.Scene) -> None:
 
 @persistent
 def _after_edit(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None = None, *_: object) -> None:
-    # Moving or deleting an inserted object changes no property of ours.
+    # moving or deleting an inserted object changes none of this extension's properties
     if len(scene.seeing_wind.bodies):
         if depsgraph is None or any(update.is_updated_geometry for update in depsgraph.updates):
             forget_geometry()
@@ -140,7 +140,7 @@ HANDLERS = (("undo_post", _after_undo), ("redo_post", _after_undo), ("load_post"
 
 
 def register() -> None:
-    """Attach the handlers, once, and let the features say when something has changed."""
+    """Attach the handlers, once, and let the features request a refresh."""
     unregister()
     status.refreshers.append(refresh)
     for name, handler in HANDLERS:
@@ -148,7 +148,7 @@ def register() -> None:
 
 
 def unregister() -> None:
-    """Detach the handlers, also those of a former registration."""
+    """Detach the handlers, including those of an earlier registration."""
     status.refreshers.clear()
     for name, handler in HANDLERS:
         handlers = getattr(bpy.app.handlers, name)

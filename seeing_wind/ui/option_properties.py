@@ -1,4 +1,4 @@
-"""The engine's options in Blender: their properties, made of what defines them, and their values as the properties have them.
+"""The engine's options in Blender: properties made from the options' definitions, and the values of these properties.
 
 No postponed annotations here: Blender reads annotations as property definitions.
 """
@@ -18,19 +18,19 @@ from .property_kinds import KEPT, PATH, changed
 from .user_paths import absolute
 
 NUMBERS = {(float, False): FloatProperty, (float, True): FloatVectorProperty, (int, False): IntProperty, (int, True): IntVectorProperty}
-"""By kind, and whether there are several."""
+"""Blender's property functions for numbers, by kind and by whether the option has several numbers."""
 
 PRESET = "PRESET"
-"""The choice that stands for None."""
+"""Identifier of the choice that stands for None."""
 
 ROUNDED = 1e-5
-"""Relative to a preset: what differs less is the same number in single precision, or in another unit of length."""
+"""Difference relative to a preset below which a number is the same: single precision, or another unit of length."""
 
 
 def panel_options(*classes: type, part: str = "") -> list[Option]:
-    """The options of settings dataclasses that have a property, only those of one `part` of the panel, if it is named.
+    """The options of settings dataclasses that have a property; with `part`, only those of that part of the panel.
 
-    One that several share stands with the last of them.
+    An option that several classes share is listed with the last of them.
     """
     found: dict[str, Option] = {}
     for one in (one for cls in classes for one in options_of(cls).values() if one.panel and part in ("", one.panel)):
@@ -42,18 +42,18 @@ def panel_options(*classes: type, part: str = "") -> list[Option]:
 def with_options(
     cls: type, *, only: Collection[str] = (), but: Collection[str] = (), ticks: bool = True, **common: Any
 ) -> Callable[[type], type]:
-    """A class decorator that gives a property group or operator a property for each option of `cls` that the panel has.
+    """A class decorator that adds to a property group or operator a property for each option of `cls` that the panel has.
 
-    What the class says itself goes before.
+    The class's own annotations take precedence.
 
     Args:
-        only: names of those that are wanted, if not all; but: names of those that are not.
+        only: names of the options to include, if not all; but: names of those to leave out.
         ticks: whether optional numbers get a tick `use_NAME` before them.
-        common: arguments of `bpy.props` for all of them, in place of ours.
+        common: arguments of `bpy.props` for all properties, which override the default ones.
     """
 
     def give(group: type) -> type:
-        """The group with the properties."""
+        """Add the properties to the group."""
         made = {}
         for one in panel_options(cls):
             if one.name in (only or {one.name}) and one.name not in but:
@@ -68,13 +68,13 @@ def with_options(
 
 
 def property_of(one: Option, **common: Any) -> object:
-    """The Blender property of an option: its label with the unit is the name, its help the tooltip, its range the limits."""
+    """The Blender property of an option: name from its label and unit, tooltip from its help, limits from its range."""
     said = _capital(one.tooltip or one.help) + (f". 0: {one.otherwise}" if one.unset is not None else "")
     about = {"name": f"{one.label} ({one.unit})" if one.unit else one.label, "description": said, "options": KEPT, "update": changed}
     if one.choices:
         titles = {name: name.replace("_", " ").title() for name in one.choices} | one.titles
         items = [(name.upper(), titles[name], _capital(text)) for name, text in one.choices.items()]
-        # what follows a colon is too long for a menu in the sidebar
+        # the text after a colon is too long for a menu in the sidebar
         preset = (PRESET, _capital(f"as {one.otherwise.partition(':')[0]}"), f"As {one.otherwise}")
         items = [preset, *items] if one.optional else items
         return EnumProperty(items=items, default=items[0][0] if one.optional else one.default.upper(), **about | common)
@@ -96,7 +96,7 @@ def _limits(one: Option) -> dict[str, Any]:
     }  # fmt: skip
     if one.kind is float:
         size = abs(first if one.count is None else max(first))
-        # dragging changes the second digit that counts; Blender wants hundredths
+        # dragging changes the second significant digit; Blender's step is in hundredths
         limits |= {"precision": one.digits, "step": 100.0 * max(10.0 ** (math.floor(math.log10(size)) - 1) if size else 0.1, finest)}
     if one.count is not None:
         limits["size"] = one.count
@@ -112,17 +112,17 @@ def _capital(text: str) -> str:
 
 
 def values_of(group: bpy.types.bpy_struct, *classes: type) -> dict[str, Any]:
-    """The values of all options that a property group has, by name; files as absolute paths, whether they are there or not."""
+    """The values of all options that a property group has, by name; files as absolute paths, whether they exist or not."""
     return {one.name: value_of(group, one) for one in panel_options(*classes)}
 
 
 def part_of(values: dict[str, Any], cls: type, **instead: Any) -> dict[str, Any]:
-    """Those of `cls` among the values of several classes, without those that only one of can be given; `instead` goes before them."""
+    """The values of the options of `cls` among those of several classes, without mutually exclusive options; `instead` overrides them."""
     return {name: values[name] for name, one in options_of(cls).items() if name in values and not one.one_of} | instead
 
 
 def value_of(group: bpy.types.bpy_struct, one: Option) -> Any:
-    """The value of one option, None where the property says that there is none."""
+    """The value of one option; None if it is not ticked, has its `unset` value or the choice PRESET, or is an empty path."""
     value = getattr(group, one.identifier)
     if (_has_tick(one) and not getattr(group, f"use_{one.identifier}")) or (one.unset is not None and value == one.unset):
         return None
@@ -136,14 +136,14 @@ def value_of(group: bpy.types.bpy_struct, one: Option) -> Any:
 
 
 def give(group: bpy.types.bpy_struct, one: Option, value: Any) -> None:
-    """Set the property of an option, and its tick, to a value as files have it. Raises TypeError or ValueError where it has no place."""
+    """Set the property of an option to a value as stored in files, and its tick. Raises TypeError or ValueError for an unsuitable value."""
     setattr(group, one.identifier, tuple(value) if isinstance(value, list) else str(value).upper() if one.choices else value)
     if _has_tick(one):
         setattr(group, f"use_{one.identifier}", True)
 
 
 def choice_of(value: Sequence[float], presets: dict[str, Sequence[float]]) -> str:
-    """Which of `presets` a vector is, as a menu that has them and CUSTOM says it; the first one, where several are the same."""
+    """The name of the preset that equals a vector (the first one, if several do), else CUSTOM."""
     for name, preset in presets.items():
         if math.dist(value, preset) <= ROUNDED * max(1.0, math.hypot(*preset)):
             return name
@@ -151,14 +151,14 @@ def choice_of(value: Sequence[float], presets: dict[str, Sequence[float]]) -> st
 
 
 def check_files(values: dict[str, Any], cls: type) -> None:
-    """Raises UsageError when a file among the values of options is not there."""
+    """Raise UsageError when a file among the values of options does not exist."""
     for name, one in options_of(cls).items():
         if one.file and values.get(name) is not None:
             existing_file(values[name], one.label.lower())
 
 
 def existing_file(path: str, what: str) -> str:
-    """The absolute path of a file that the user has named. Raises UsageError when it is not there; `what` says what it should be."""
+    """The absolute path of a file that the user has named. Raises UsageError when it does not exist; `what` names it in the message."""
     found = absolute(path)
     if not os.path.isfile(found):
         raise UsageError(f"There is no {what} {found}.", "Choose it again; it may have been moved.")
@@ -166,5 +166,5 @@ def existing_file(path: str, what: str) -> str:
 
 
 def single(value: float) -> float:
-    """Blender keeps single precision: seven digits say all of it, and 30.19 stays 30.19."""
+    """A value rounded to seven digits, all that Blender's single precision holds, so that 30.19 stays 30.19."""
     return float(f"{value:.7g}")

@@ -1,4 +1,4 @@
-"""Of what the settings are made: kinds of properties, and the items that can be chosen from.
+"""The kinds of properties of which the settings are made, and the items of their menus.
 
 No postponed annotations here, as in the files that use it.
 """
@@ -11,7 +11,7 @@ from ..engine.materials import MATERIALS
 from .job import status
 
 KEPT = {"SKIP_SAVE"}
-"""An operator starts from the scene's settings, not from its own last call. Scenes are saved all the same."""
+"""Options of most properties: an operator starts from the scene's settings, not from its last call. Scenes save them nevertheless."""
 
 PATH = KEPT | {"PATH_SUPPORTS_BLEND_RELATIVE"}
 
@@ -19,12 +19,12 @@ HEADINGS = {
     "leaf": "Foliage", "fruit": "Fruit", "wood": "Wood", "jelly": "Food", "paper": "Paper", "cotton": "Cloth", "feather": "Animal",
     "rubber": "Rubber and Foam", "beeswax": "Wax and Clay", "plastic": "Plastic", "steel": "Metal", "glass": "Glass and Stone",
 }  # fmt: skip
-"""Of the menu of materials, by the first one below each: the library stands in that order."""
+"""Headings in the menu of materials, by the first material below each, in the order of the library."""
 SHORT_FOR = {"eva", "hdpe", "pet", "pvc", "ptfe"}
 
 
 def _material_items() -> list[tuple[str, str, str, int]]:
-    """The materials below their headings. Files keep their numbers, which headings leave alone."""
+    """Menu items of the materials below their headings. Their numbers, which are saved in files, do not depend on the headings."""
     items = []
     for number, (name, m) in enumerate(MATERIALS.items()):
         if name in HEADINGS:
@@ -48,32 +48,32 @@ WAYS = [
 
 
 def changed(self, context) -> None:
-    """The update of every setting that the status depends on."""
+    """Update function of every setting that the status depends on."""
     scene = self.id_data
-    if isinstance(scene, bpy.types.Scene):  # None while these are the arguments of an operator
+    if isinstance(scene, bpy.types.Scene):  # None while the properties are those of an operator
         status.refresh(scene)
 
 
 def is_mesh(self, candidate) -> bool:
-    """The poll of a pointer to an object."""
+    """Poll function of a pointer to a mesh object."""
     return candidate.type == "MESH"
 
 
 def file_path(name: str, description: str) -> object:
-    """The path of a file, `//` beside the .blend file."""
+    """A property for the path of a file, where `//` stands for the folder of the .blend file."""
     return StringProperty(name=name, description=description, subtype="FILE_PATH", options=PATH, update=changed)
 
 
 def number(name: str, default: float, description: str, **limits: float) -> object:
-    """A number; `limits` are those of Blender's FloatProperty. Its unit stands in the name."""
+    """A property for a number; `limits` are further arguments of Blender's FloatProperty. The unit is part of the name."""
     return FloatProperty(name=name, default=default, description=description, options=KEPT, update=changed, **limits)
 
 
 def toggle(name: str, description: str, default: bool = False) -> object:
-    """On or off."""
+    """A property that is on or off."""
     return BoolProperty(name=name, default=default, description=description, options=KEPT, update=changed)
 
 
 def choice(name: str, description: str, items: list, default: str | None = None) -> object:
-    """One of `items`, by default the first."""
+    """A property for one of `items`, by default the first."""
     return EnumProperty(name=name, description=description, items=items, default=default or items[0][0], options=KEPT, update=changed)

@@ -9,23 +9,23 @@ import numpy as np
 from ..engine.errors import UsageError
 
 FIRM = 0.999
-"""A vertex of this weight or more is held firmly; of less, drawn back like a spring."""
+"""A vertex of this weight or more is held firmly; one of less is drawn back as by a spring."""
 
 COPY_OF = "seeing_wind_copy_of"
-"""Custom property of a passing copy: the name of the object that it stands for."""
+"""Custom property of a temporary copy: the name of the object that it stands for."""
 
 THINNEST = 1e-6
-"""Smallest scale of an object relative to its largest: under it no keyframes in its own space could move it in the world."""
+"""Smallest scale of an object relative to its largest: below it, keyframes in the object's space could not move it in the world."""
 
 JOINED = 1e-6
-"""Vertices nearer to each other than this part of the mesh's size are one: its single precision."""
+"""Distance, relative to the mesh's size, below which vertices count as one: single precision."""
 
 FLATTEST = 1e-6
-"""Smallest area of a mesh relative to its length squared: in single precision points on one line span up to a tenth of it."""
+"""Smallest area of a mesh relative to its length squared: in single precision, points on one line span up to a tenth of this."""
 
 
 def name_of(obj: bpy.types.Object) -> str:
-    """The name by which the user knows an object, also where a passing copy stands for it."""
+    """The name by which the user knows an object, even if a temporary copy stands for it."""
     return str(obj.get(COPY_OF, obj.name))
 
 
@@ -63,10 +63,10 @@ def mesh_arrays(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> tuple[
 
 
 def solid_arrays(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> tuple[np.ndarray, np.ndarray]:
-    """`mesh_arrays` of an object that is to move, or to be in the way.
+    """`mesh_arrays` of an object that is to be a body or a collider.
 
     Raises:
-        UsageError: also when all faces are lines or points.
+        UsageError: as for `mesh_arrays`, and when all faces are degenerate (lines or points).
     """
     vertices, triangles = mesh_arrays(obj, depsgraph)
     corners = vertices[triangles]
@@ -77,7 +77,7 @@ def solid_arrays(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> tuple
 
 
 def has_inside(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> bool:
-    """Whether the faces of an object as displayed close it, all of them turned the same way; vertices at one place count as joined."""
+    """Whether the faces of an object as displayed form a closed, consistently oriented surface; coincident vertices count as joined."""
     evaluated, body = obj.evaluated_get(depsgraph), bmesh.new()
     try:
         body.from_mesh(evaluated.to_mesh())
@@ -90,13 +90,13 @@ def has_inside(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> bool:
 
 
 def refuse_no_sheet(obj: bpy.types.Object, vertices: np.ndarray, triangles: np.ndarray) -> None:
-    """Refuse an open mesh that cannot be simulated as a sheet; one without a border is simulated as a solid, and may be as it is.
+    """Refuse an open mesh that cannot be simulated as a sheet. A mesh without a border is simulated as a solid and not checked here.
 
     Args:
-        vertices, triangles: of the object, as of `mesh_arrays`; vertices at one place count as joined.
+        vertices, triangles: of the object, from `mesh_arrays`; coincident vertices count as joined.
 
     Raises:
-        UsageError: for vertices of no face, and edges of more than two.
+        UsageError: when a vertex belongs to no face, or an edge to more than two.
     """
     grid = JOINED * float(np.ptp(vertices, axis=0).max())
     joined = np.unique(np.round(vertices / grid), axis=0, return_inverse=True)[1].ravel()
@@ -120,10 +120,10 @@ def refuse_no_sheet(obj: bpy.types.Object, vertices: np.ndarray, triangles: np.n
 
 
 def pinned_vertices(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph, group: str) -> tuple[np.ndarray, np.ndarray]:
-    """Indices (n,) int64 of the evaluated mesh's vertices in a vertex group, and their weights (n,) in 0..1; those of weight 0 left out.
+    """Indices (n,) int64 of the evaluated mesh's vertices in a vertex group, and their weights (n,) in 0..1, without those of weight 0.
 
     Raises:
-        UsageError: when there is no such group, or no vertex in it.
+        UsageError: when there is no such group, or no vertex in it has a weight.
     """
     vertex_group = obj.vertex_groups.get(group)
     if vertex_group is None:

@@ -23,10 +23,10 @@ CLASSES = (SEEING_WIND_PG_scene,)
 
 
 def register() -> None:
-    """Give every scene its settings."""
+    """Attach the settings to every scene."""
     bpy.types.Scene.seeing_wind = bpy.props.PointerProperty(type=SEEING_WIND_PG_scene)
 
 
 def unregister() -> None:
-    """Take them away."""
+    """Remove the settings."""
     del bpy.types.Scene.seeing_wind

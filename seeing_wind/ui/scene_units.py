@@ -1,4 +1,4 @@
-"""Metres and scene units."""
+"""Conversion between metres and scene units."""
 
 from __future__ import annotations
 
@@ -7,35 +7,35 @@ import bpy
 from ..engine.errors import UsageError
 
 METRES = "seeing_wind_metres"
-"""Custom property of a field object: how many metres a unit of the scene was when its values were put into scene units."""
+"""Custom property of a field object: the length of a scene unit [m] when its values were converted to scene units."""
 SAME = 1e-6
-"""Relative difference of two scales that are the same in single precision."""
+"""Relative difference below which two scales are the same in single precision."""
 
 
 def metres_per_unit(scene: bpy.types.Scene) -> float:
-    """How many metres one unit of the scene's coordinates is; 1 where the scene has no unit system."""
+    """Length of one unit of the scene's coordinates [m]; 1 if the scene has no unit system."""
     settings = scene.unit_settings
     return 1.0 if settings.system == "NONE" else float(settings.scale_length)
 
 
 def said_of_units(field: bpy.types.Object, scene: bpy.types.Scene) -> str:
-    """That the scene's unit is another than that for which a field object was made, and what to do; "" where it is the same."""
+    """A message, with a hint, that a field object was made for another scene unit than the present one; "" if it is the same."""
     return " ".join(_other_units(field, scene))
 
 
 def refuse_other_units(field: bpy.types.Object, scene: bpy.types.Scene) -> None:
-    """UsageError for a field object that was made for another unit than the scene has now: all that is made with it would be nonsense."""
+    """Raise UsageError for a field object that was made for another scene unit than the present one: all results would be wrong."""
     wrong = _other_units(field, scene)
     if wrong:
         raise UsageError(*wrong)
 
 
 def _other_units(field: bpy.types.Object, scene: bpy.types.Scene) -> tuple[str, ...]:
-    """Message and hint; none where the unit is the same, or nobody knows which it was."""
+    """Message and hint; empty if the unit is the same, or the former one is not known."""
     now, then = metres_per_unit(scene), field.get(METRES, 0.0)
     if not then or abs(now / then - 1.0) < SAME:
         return ()
     wrong = f"{field.name} was made for a unit scale of {then:g}, and the scene's is {now:g}: place, size and strength are wrong."
     back, settings = f"et Unit Scale to {then:g} (Properties > Scene > Units).", scene.seeing_wind
-    results = field == settings.field_object and settings.recovered_digest != ""  # those of a take, which can be loaded again
+    results = field == settings.field_object and settings.recovered_digest != ""  # from a take, which can be loaded again
     return wrong, f"Press Reload in the Recover panel, or s{back}" if results else f"S{back}"

@@ -1,4 +1,4 @@
-"""Paths as the user writes them, and how they stay right when a project is moved."""
+"""Paths as the user writes them, and keeping them valid when a project is moved."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from .job import status
 
 
 def absolute(path: str, library: bpy.types.Library | None = None) -> str:
-    """A path as the user wrote it (`//` beside the .blend, `~`) as an absolute one."""
+    """The absolute path for a path as the user wrote it (with `//` for the folder of the .blend file, or `~`)."""
     return os.path.abspath(os.path.expanduser(bpy.path.abspath(path, library=library)))
 
 
 def noted(path: str) -> str:
-    """A path as Blender's own operators note it: beside a .blend that has been saved, relative to it, unless the preferences say no."""
+    """A path as Blender's own operators store it: relative to the .blend file if that is saved, unless disabled in the preferences."""
     if not bpy.data.filepath or not bpy.context.preferences.filepaths.use_relative_paths:
         return path
     try:
@@ -28,7 +28,7 @@ def noted(path: str) -> str:
 def relate(settings: bpy.types.PropertyGroup, folder: str) -> None:
     """Write the paths that a user chooses relative to the folder of the .blend file, as Blender does with its own.
 
-    Paths that were relative to another folder before lead to the same files afterwards.
+    Paths that were relative to another folder still refer to the same files afterwards.
     """
     for prop in settings.bl_rna.properties:
         if prop.type != "STRING" or prop.subtype not in ("FILE_PATH", "DIR_PATH"):
@@ -46,7 +46,7 @@ def relate(settings: bpy.types.PropertyGroup, folder: str) -> None:
 
 @persistent
 def _before_save(path: str = "", *_: object) -> None:
-    """Blender makes its own paths relative when a file is saved; ours are text to it."""
+    """When a file is saved, Blender makes its own paths relative, but not this extension's, which are plain text to it."""
     if not path or not bpy.context.preferences.filepaths.use_relative_paths:
         return
     for scene in bpy.data.scenes:
@@ -56,7 +56,7 @@ def _before_save(path: str = "", *_: object) -> None:
 
 @persistent
 def _after_save(*_: object) -> None:
-    """Until the file has its new name, relative paths lead nowhere: what was said of them meanwhile is said anew."""
+    """Refresh all scenes: until the file had its new name, relative paths could not be resolved, so messages about them are outdated."""
     for scene in bpy.data.scenes:
         status.refresh(scene)
 
@@ -72,7 +72,7 @@ def register() -> None:
 
 
 def unregister() -> None:
-    """Detach them."""
+    """Detach the handlers."""
     for name, handler in HANDLERS:
         if handler in getattr(bpy.app.handlers, name):
             getattr(bpy.app.handlers, name).remove(handler)

@@ -116,8 +116,8 @@ def name_beside(take: Path) -> Path:
 
 
 def faded(scene: bpy.types.Scene, field: bpy.types.Object) -> list[str]:
-    """The option of `export` for the fade that solvers feel here, as in the VDB files; none for a field that does not fade, which is whole in
-    its box."""
+    """The option of `export` for the fade that solvers feel here, as in the VDB files; none for a field that does not fade, which is whole
+    in its box."""
     reach = reach_of(field["seeing_wind_reach"], np.array([vertex.co[:] for vertex in field.data.vertices]))
     return ["--fade", f"{reach.width * metres_per_unit(scene):.9g}"] if reach.kind == FADE else []
 

@@ -10,7 +10,7 @@ steps_shown     which steps the sidebar shows unfolded
 panel_pieces    building blocks of all panels: the tab, states, failures with the button that mends them, bars
 console         a job's messages as lines of text, for `blender -b`
 takes           where the takes of a scene are, and which one it shows
-take_along      moves results out of the temporary folder when a file is first saved
+take_along      copies results out of the temporary folder when a file is first saved
 take_reading    reads and checks a take's files
 
 `install` finds or makes the Python that the jobs run in.

@@ -59,8 +59,8 @@ class Console:
 
 
 class ReportsBesides(Console):
-    """Console for an operator. Blender prints its reports, which include failures, so of an error only the log is printed here. Warnings use
-    the panel's words, as the reports do."""
+    """Console for an operator. Blender prints its reports, which include failures, so of an error only the log is printed here. Warnings
+    use the panel's words, as the reports do."""
 
     def show(self, message: Message) -> None:
         """Print one message."""

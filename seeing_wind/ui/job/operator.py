@@ -69,7 +69,7 @@ class JobOperator:
     """The step of the panel that the job belongs to, or "engine"."""
 
     def start(self, scene: bpy.types.Scene) -> worker.Messages:
-        """Gather the inputs and return the job. May raise SeeingWindError, and may set `digest` to that of the settings that the job is given."""
+        """Gather the inputs and return the job. May raise SeeingWindError, and may set `digest` to that of the job's settings."""
         raise NotImplementedError
 
     def finish(self, scene: bpy.types.Scene, result: worker.Message) -> str:

@@ -135,7 +135,7 @@ def refresh(scene: Any) -> None:
 
 
 def begin(status: SceneStatus, step: str, title: str) -> None:
-    """Note that a job has started on `step` (a step's name, or "engine"). Failures of later steps, which may have lacked its result, are cleared."""
+    """Note that a job has started on `step` (a step's name, or "engine"). Failures of later steps, which may lack it, are cleared."""
     if step in STEPS:
         for later in STEPS[STEPS.index(step) + 1 :]:
             if status.steps[later].state == State.FAILED:

@@ -1,7 +1,7 @@
 """Where the takes of a scene are: beside the .blend file, moved with it, or in the temporary folder until the file is saved.
 
-A scene notes the absolute path of the take that it shows, and the stamp of its field. The path finds the take again after the project's
-folder has been moved or copied; the stamp tells when somebody else (another scene, another file, the command line) has recovered anew into
+A scene stores the absolute path of the take that it shows, and the stamp of its field. With the path, the take is found again after the
+project's folder has been moved or copied; the stamp reveals that another scene, another file or the command line has run Recover again into
 the same folder, so that an edit is never simulated in a field that the scene does not show.
 """
 
@@ -25,20 +25,20 @@ from ..clip.inputs.clip_files import is_another_film
 from ..user_paths import absolute
 
 EDIT = "edit.toml"
-"""An edit of the panel stands in the folder of its own re-simulation."""
+"""File of an edit made in the panel, in the folder of its re-simulation."""
 
 INPUTS = "blender_inputs"
-"""Folder in the take of the files that are made from the scene."""
+"""Folder in the take for files that are made from the scene."""
 
 NO_FIELD = "There is no recovered field."
 
 NOT_RECOVERED = ""
-"""In place of the digest of a recovery's settings: there was none, see `edit.resimulate.lone_wind`."""
+"""In place of the digest of a recovery's settings, if there was no recovery: see `edit.resimulate.lone_wind`."""
 
 
 def take_folder(settings: bpy.types.PropertyGroup) -> Path:
-    """Where the results of Recover go: the user's choice, else CLIP.take beside the .blend file, or in the temporary folder while it is
-    unsaved. By default, two scenes of one file never get the same folder, nor does a clip that of another one of its name."""
+    """Where the results of Recover go: the user's choice, else CLIP.take beside the .blend file, or in the temporary folder while that is
+    unsaved. By default, two scenes of a file never share a folder, nor do two clips of the same name."""
     if settings.take:
         return Path(absolute(settings.take))
     stem = re.sub(r"[^\w.-]+", "_", Path(bpy.path.abspath(settings.clip)).stem) or "clip"
@@ -53,10 +53,10 @@ def take_folder(settings: bpy.types.PropertyGroup) -> Path:
 
 
 def refuse_of_another(folder: Path, clip: str) -> None:
-    """Refuse to write the recovery of a clip into a take that is another clip's, which would be lost.
+    """Refuse to write the recovery of a clip into the take of another clip, which would be lost.
 
     Raises:
-        TakeError: then.
+        TakeError: when the folder is the take of another clip.
     """
     named = _of_another(folder, clip)
     if named:
@@ -67,7 +67,7 @@ def refuse_of_another(folder: Path, clip: str) -> None:
 
 
 def _of_another(folder: Path, clip: str) -> str:
-    """The path of the clip that a take is of, where that is another one; "" where it is not, or the take does not say."""
+    """The path of a take's clip if it is another one than `clip`; "" if it is the same, or the take does not say."""
     from ...engine.take import Take  # needs NumPy
 
     named = Take(folder).source_of("observe", "clip")
@@ -75,13 +75,13 @@ def _of_another(folder: Path, clip: str) -> str:
 
 
 def home_of(scene: bpy.types.Scene, name: str) -> Path:
-    """Where the take of a wind of that name goes that came into a scene without one: beside the .blend file, or in the temporary folder."""
+    """Where the take goes for a wind of this name that has none: beside the .blend file, or in the temporary folder."""
     home = Path(bpy.data.filepath).parent if bpy.data.filepath else temporary() / _short(scene.name)
     return home / f"{_plain(name)}.{_plain(scene.name)}.take"
 
 
 def edit_folder(settings: bpy.types.PropertyGroup, take: Path, preview: bool = False) -> Path:
-    """Where the re-simulation of the scene's present edit goes, or its preview: beside the take, and not where another scene's is."""
+    """Where the re-simulation of the scene's present edit, or its preview, goes: beside the take, and never into another scene's folder."""
     stem, edit, scene = take.name.removesuffix(".take"), (settings.edit_folder or "edit") + "_preview" * preview, settings.id_data
     others = [other.seeing_wind for other in bpy.data.scenes if other != scene]
     taken = {Path(name).name for other in others for each in (other, *other.edits) for name in (each.simulated_take, each.coarse_take)}
@@ -89,7 +89,7 @@ def edit_folder(settings: bpy.types.PropertyGroup, take: Path, preview: bool = F
     folder = take.with_name(name if name not in taken else f"{stem}.{edit}.{_plain(scene.name)}.take")
     if _has_left(settings, take):
         settings.owner = ""
-    # what another file, a batch or the command line (which keeps its edit elsewhere) simulates stays as it is
+    # results of another file, a batch or the command line (which stores its edit elsewhere) are not overwritten
     every = (folder, *(folder.with_name(f"{folder.stem}.{k}.take") for k in range(2, 1000)))
     free = (each for each in every if each.name not in taken)
     mine = (each for each in free if _owner(each) == settings.owner or not any((each / name).is_file() for name in ("take.toml", EDIT)))
@@ -97,17 +97,17 @@ def edit_folder(settings: bpy.types.PropertyGroup, take: Path, preview: bool = F
 
 
 def refuse_in_use(folder: Path) -> None:
-    """Refuse to write to a take that a job of another Blender, with the same file open, is writing to: the engine would come too late.
+    """Refuse to write to a take that a job of another Blender, with the same file open, is writing to: the engine would notice too late.
 
     Raises:
-        TakeError: then.
+        TakeError: when another process is writing to it.
     """
     from ...engine.reading import read_json  # needs NumPy
 
     try:
         holder = read_json(folder / "take.lock")
         busy = holder["host"] == socket.gethostname() and int(holder["pid"]) != os.getpid() and systems.alive(int(holder["pid"]))
-    except (OSError, ValueError, TypeError, KeyError):  # nobody has signed it
+    except (OSError, ValueError, TypeError, KeyError):  # no lock, or none with a holder
         return
     if busy:
         raise TakeError(
@@ -117,7 +117,7 @@ def refuse_in_use(folder: Path) -> None:
 
 
 def refuse_read_only(folder: Path, hint: str) -> None:
-    """Refuse to begin what writes into a folder that cannot be written, before anything is made for it: TakeError, with `hint`."""
+    """Raise TakeError, with `hint`, if a folder cannot be written; called before anything is made for a job that writes there."""
     there = next(each for each in (folder, *folder.absolute().parents) if each.is_dir())
     try:
         with tempfile.TemporaryFile(dir=there):
@@ -127,21 +127,21 @@ def refuse_read_only(folder: Path, hint: str) -> None:
 
 
 def own(settings: bpy.types.PropertyGroup) -> str:
-    """The line by which an edit's file says of which scene it is, also when its .blend file is renamed or moved later."""
+    """The line in an edit's file that identifies its scene, even if the .blend file is renamed or moved later."""
     settings.owner, settings.owner_file = settings.owner or uuid.uuid4().hex, bpy.data.filepath
     return f"# scene {settings.owner}"
 
 
 def _has_left(settings: bpy.types.PropertyGroup, take: Path) -> bool:
-    """Whether the scene's file was saved under another name since it wrote an edit beside this take, and the former file, whose edit that
-    is, is there still. A project that was copied has a take of its own."""
+    """Whether the scene's file was saved under another name after it wrote an edit beside this take, and the former file, which owns that
+    edit, still exists. (A copied project has a take of its own.)"""
     former = settings.owner_file
     stays = bool(former) and os.path.isfile(former) and Path(settings.recovered_take) == take
     return stays and os.path.realpath(former) != os.path.realpath(bpy.data.filepath)
 
 
 def _owner(folder: Path) -> str | None:
-    """Of which scene the edit in a folder is; None where there is none, or it was written by another program."""
+    """Identifier of the scene to which the edit in a folder belongs; None if there is no edit, or another program wrote it."""
     try:
         with open(folder / EDIT, encoding="utf-8", errors="replace") as file:
             first = file.readline()
@@ -151,7 +151,7 @@ def _owner(folder: Path) -> str | None:
 
 
 def stamp_of(folder: Path, stage: str = "recover") -> str:
-    """Which run of a stage the results in a take come from, its field or its motion ("resimulate"); "" for a take that does not say.
+    """The stamp of the run of a stage that made a take's field ("recover") or motion ("resimulate"); "" if the take does not say.
 
     Raises:
         TakeError: when its description is damaged.
@@ -161,7 +161,7 @@ def stamp_of(folder: Path, stage: str = "recover") -> str:
 
 
 def show(settings: bpy.types.PropertyGroup, folder: Path, digest: str) -> None:
-    """Note that the scene shows the field of `folder`, which was made with the settings of that digest."""
+    """Store that the scene shows the field of `folder`, which was made with the settings of `digest`."""
     settings.recovered_take, settings.recovered_digest, settings.recovered_stamp = str(folder), digest, stamp_of(folder)
     settings.started_take = str(folder)
 
@@ -172,10 +172,10 @@ def is_shown(settings: bpy.types.PropertyGroup, folder: Path) -> bool:
 
 
 def shown(settings: bpy.types.PropertyGroup) -> Path:
-    """The folder of the take that the scene shows, where it is now. Whether it is there at all is not looked at.
+    """The present folder of the take that the scene shows. Whether it exists is not checked.
 
     Raises:
-        TakeError: when the scene shows none.
+        TakeError: when the scene shows no take.
     """
     if not settings.recovered_take:
         raise TakeError(NO_FIELD, "Run Recover first, or load the results of a take.")
@@ -183,21 +183,21 @@ def shown(settings: bpy.types.PropertyGroup) -> Path:
 
 
 def gone(folder: Path) -> tuple[str, str]:
-    """What to say of a take that is not there, and what to do."""
+    """Message and hint for a take whose folder does not exist."""
     return f"There is no folder {folder}.", "Put it beside the .blend file, or run Recover again."
 
 
 def shows_lone(settings: bpy.types.PropertyGroup) -> bool:
-    """Whether what the scene shows is no recovery of its own, but the wind of an object that came without a take. The file itself says so:
-    the take of such a wind is made anew whenever it is needed, and may be gone."""
+    """Whether the scene shows the wind of an object that came without a take, instead of a recovery of its own. This is stored in the file,
+    as the take of such a wind is made anew whenever needed, and may be gone."""
     return bool(settings.recovered_take) and settings.recovered_digest == NOT_RECOVERED
 
 
 def recovered(settings: bpy.types.PropertyGroup) -> Path:
-    """As `shown`, for work that needs the very field that the scene shows.
+    """As `shown`, for work that needs exactly the field that the scene shows.
 
     Raises:
-        TakeError: also when the folder is gone, or holds another field by now.
+        TakeError: also when the folder is gone, or holds another field now.
     """
     folder = shown(settings)
     if not folder.is_dir():
@@ -211,7 +211,7 @@ def recovered(settings: bpy.types.PropertyGroup) -> Path:
 
 
 def simulated(settings: bpy.types.PropertyGroup, preview: bool = False) -> Path:
-    """The folder of the last re-simulation, or of the last preview, which stands beside the take.
+    """The folder of the last re-simulation, or of the last preview, beside the take.
 
     Raises:
         TakeError: when nothing is simulated yet.
@@ -226,11 +226,11 @@ def simulated(settings: bpy.types.PropertyGroup, preview: bool = False) -> Path:
 
 
 def bring_along(settings: bpy.types.PropertyGroup, folder: Path) -> None:
-    """Before a recovery into `folder`: what an unfinished one left in the temporary folder goes on there, when the file was saved since.
-    What a lone wind left is none of it.
+    """Before a recovery into `folder`: if the file was saved since an unfinished recovery, copy what that left in the temporary folder, so
+    that it is continued. The take of a lone wind is not copied.
 
     Raises:
-        OSError: when it cannot be copied.
+        OSError: when copying fails.
     """
     former = Path(settings.started_take) if settings.started_take else None
     lone = shows_lone(settings) and settings.started_take == settings.recovered_take
@@ -240,13 +240,13 @@ def bring_along(settings: bpy.types.PropertyGroup, folder: Path) -> None:
 
 
 def _moved(stored: str, stamp: str) -> Path:
-    """A folder that was at `stored`: beside the .blend file, with which it was moved or copied, else still there."""
+    """The present place of a folder that was at `stored`: beside the .blend file, if moved or copied along with it, else `stored`."""
     former = Path(stored)
     if not bpy.data.filepath:
         return former
     home = Path(bpy.data.filepath).parent
     if former.is_dir() and former.is_relative_to(home) and (not stamp or _is_of(former, stamp)):
-        return former  # the project's own, whatever is beside the project
+        return former  # inside the project, so it takes precedence over folders beside the project
     for count in range(1, min(4, len(former.parts))):
         for start in (home, home.parent):
             candidate = start.joinpath(*former.parts[-count:])
@@ -262,7 +262,7 @@ def _is_of(folder: Path, stamp: str) -> bool:
 
 
 def temporary() -> Path:
-    """A folder of this user's own: the system's temporary folder may be everybody's."""
+    """A temporary folder for this user alone, as the system's may be shared by all users."""
     return Path(tempfile.gettempdir()) / (f"seeing_wind-{os.getuid()}" if hasattr(os, "getuid") else "seeing_wind")
 
 
@@ -272,7 +272,7 @@ def is_temporary(folder: Path) -> bool:
 
 
 def _plain(name: str) -> str:
-    """A scene's name as a part of a folder's."""
+    """A name made suitable as a part of a folder's name."""
     return re.sub(r"[^\w-]+", "_", name)
 
 
@@ -281,7 +281,7 @@ def _short(text: str) -> str:
 
 
 def copy(former: Path, folder: Path) -> None:
-    """Copy a take, aside and renamed; take.toml first, so that no stamp is newer than its files."""
+    """Copy a take under a temporary name, then rename it; take.toml first, so that no stamp is newer than its files."""
     aside = folder.with_name(f".{folder.name}.{os.getpid()}.part")
     try:
         aside.mkdir(parents=True)

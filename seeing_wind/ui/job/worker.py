@@ -1,13 +1,13 @@
-"""A long job in a second process, as a generator of messages. No bpy here: tests and `blender -b` read the same generator.
+"""A long job in a second process, as a generator of messages. No bpy here; tests and `blender -b` use the same generator.
 
 The worker's side of the contract (`python -m seeing_wind.engine`): one JSON object per line on stdout, logs on stderr; a line "cancel" on
-stdin, or the end of stdin when this process is gone, stops it at the next safe point. Windows has no signal that a process without a
-console receives, so no system is sent one. Whatever the worker does instead (dies, hangs, prints nonsense), the generator ends, and its
-last message is an `exit` that says how.
+stdin, or the end of stdin when this process is gone, stops it at the next safe point. On Windows, a process without a console receives no
+signal, so none is used on any system. Whatever the worker does instead (dies, hangs, prints nonsense), the generator ends, and its last
+message is an `exit` that says how.
 
-Messages yielded, beside those of the worker (progress, warning, error, result):
-    {"type": "log", "message"}                                      a line of stdout that is no message (pip, a chatty library)
-    {"type": "error", "message", "hint", "mend", "log"}             made here when the worker died without a word of its own
+Messages yielded in addition to those of the worker (progress, warning, error, result):
+    {"type": "log", "message"}                                      a line of stdout that is not a message (pip, a chatty library)
+    {"type": "error", "message", "hint", "mend", "log"}             made here when the worker died without an error message
     {"type": "exit", "code", "outcome", "log"}                      always the last one; outcome: done, failed or cancelled
 """
 
@@ -33,19 +33,19 @@ Message = dict[str, Any]
 Messages = Generator[list[Message], bool | None, Message]
 
 CANCEL_GRACE = 1.0
-"""Seconds between the request to stop and ending the process: the engine passes a safe point at least twice a second, and the user shall
-have Blender back within two seconds whatever the worker does."""
+"""Seconds between the request to stop and ending the process: the engine passes a safe point at least twice a second, and the user should
+have Blender back within two seconds, whatever the worker does."""
 KILL_GRACE = 0.2
 """Seconds between ending the process politely and killing it."""
 LOG_LINES = 60
-"""Lines of the worker's stderr kept for an error message."""
+"""Number of lines of the worker's stderr kept for an error message."""
 
 
 def run(command: Sequence[str], *, cwd: str, env: Mapping[str, str], grace: float = CANCEL_GRACE) -> Messages:
-    """Start `command` and yield lists of its messages, without ever waiting for it: the list is empty when there is nothing new.
+    """Start `command` and yield lists of its new messages without waiting for them: a list may be empty.
 
-    Send True to cancel: the worker is asked to stop, ended after `grace` seconds (0 for a program that does not listen), then killed.
-    Closing the generator kills it at once. Returns the exit message.
+    Send True to cancel: the worker is asked to stop, ended after `grace` seconds (0 for a program that does not read stdin), then killed.
+    Closing the generator kills the worker at once. Returns the exit message.
     """
     try:
         process = _start(command, cwd, env)
@@ -71,7 +71,7 @@ def run(command: Sequence[str], *, cwd: str, env: Mapping[str, str], grace: floa
         while True:
             ended = process.poll() is not None
             if ended:
-                # A grandchild may hold the pipes open, so the readers get a moment, not forever.
+                # a grandchild may hold the pipes open, so the wait for the readers is limited
                 for reader in readers:
                     reader.join(timeout=0.5)
             messages = [_parse(line) for line in _drain(lines)]
@@ -91,16 +91,16 @@ def run(command: Sequence[str], *, cwd: str, env: Mapping[str, str], grace: floa
         if process.poll() is None:
             _end(process, at_once=True)
             process.wait()
-        with contextlib.suppress(OSError):  # what could not be said to a worker that is gone
+        with contextlib.suppress(OSError):  # unsent text to a worker that has ended
             process.stdin.close()
         for stream in (process.stdout, process.stderr):
-            # Closing waits for a reader that is blocked in it; a grandchild can hold it open, then the reader closes it at its end.
+            # closing would wait for a blocked reader; if a grandchild holds the stream open, the reader closes it at its end
             if stream is not None and not any(reader.is_alive() for reader in readers):
                 stream.close()
 
 
 def told(error: SeeingWindError | OSError) -> tuple[str, str, str]:
-    """What happened, what to do, and the control that mends it, of an error that a user can act on."""
+    """Message, hint, and the control that mends it (or ""), for an error that a user can act on."""
     if isinstance(error, SeeingWindError):
         return error.message, error.hint, error.mend
     where = f"{error.filename}: " if error.filename else ""
@@ -108,7 +108,7 @@ def told(error: SeeingWindError | OSError) -> tuple[str, str, str]:
 
 
 def said_by(error: RuntimeError) -> str:
-    """What one of Blender's own operators has reported, without its trimmings."""
+    """The text that one of Blender's own operators has reported, without prefix and full stop."""
     lines = [line for line in str(error).splitlines() if line.strip()]
     return lines[0].removeprefix("Error: ").rstrip(".") if lines else "no reason given"
 
@@ -139,7 +139,7 @@ def wait(messages: Messages, handle: Callable[[Message], None], *, pause: float 
 
 
 def _start(command: Sequence[str], cwd: str, env: Mapping[str, str]) -> subprocess.Popen[str]:
-    # Apart: a Ctrl-C in Blender's terminal reaches Blender alone, and the worker is ended together with its children.
+    # in a process group of its own: Ctrl-C in Blender's terminal reaches Blender only, and the worker is ended with its children
     return subprocess.Popen(
         list(command), cwd=cwd, env={**env, CANCEL_BY_STDIN: "1"}, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
         text=True, encoding="utf-8", errors="replace", bufsize=1, **systems.apart(),
@@ -165,26 +165,26 @@ def _parse(line: str) -> Message:
 
 
 def _press(process: subprocess.Popen[str], late: float) -> None:
-    """End a worker that does not stop by itself, `late` seconds after its grace."""
+    """End a worker that does not stop by itself; `late` is the time since the end of its grace period [s]."""
     if late >= 0.0:
         _end(process, at_once=late >= KILL_GRACE)
 
 
 def _ask(process: subprocess.Popen[str]) -> None:
-    """Ask the worker to stop at its next safe point; one that is gone already is no error."""
+    """Ask the worker to stop at its next safe point. It is no error if the worker has ended already."""
     with contextlib.suppress(OSError):
         process.stdin.write("cancel\n")
         process.stdin.flush()
 
 
 def _end(process: subprocess.Popen[str], at_once: bool) -> None:
-    """End the worker and all that it has started: politely first, unless `at_once`; Windows knows one way only."""
+    """End the worker and its children: by SIGTERM, or by SIGKILL if `at_once`. On Windows there is only one way."""
     if systems.windows():
         # a virtual environment's python.exe starts the real Python as a child
         tree = ["taskkill", "/F", "/T", "/PID", str(process.pid)]
         with contextlib.suppress(OSError):
             subprocess.run(tree, stdin=subprocess.DEVNULL, capture_output=True, check=False, **systems.quiet())
-        with contextlib.suppress(OSError):  # where there is no taskkill
+        with contextlib.suppress(OSError):  # in case there is no taskkill
             process.kill()
         return
     with contextlib.suppress(ProcessLookupError, PermissionError):
@@ -197,7 +197,7 @@ def _farewell(code: int, cancelled: bool, log: deque[str]) -> Message:
 
 
 def _death(code: int, log: deque[str]) -> Message:
-    """What happened to a worker that failed without an error message."""
+    """An error message for a worker that failed without one."""
     if code < 0:
         with contextlib.suppress(ValueError):
             name = signal.Signals(-code).name
@@ -213,7 +213,7 @@ def _error(message: str, hint: str, log: deque[str] | tuple[()] = ()) -> Message
 
 @contextlib.contextmanager
 def _signals(ask: Callable[..., None]) -> Generator[None, None, None]:
-    """Ctrl-C and SIGTERM ask the worker to stop instead of ending this process beside it (main thread only; elsewhere no change)."""
+    """Make Ctrl-C and SIGTERM ask the worker to stop instead of ending this process (in the main thread only)."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -223,5 +223,5 @@ def _signals(ask: Callable[..., None]) -> Generator[None, None, None]:
         yield
     finally:
         for kind, handler in former.items():
-            # None: a handler that was not set from Python and so cannot be put back.
+            # None: the handler was not set from Python, so it cannot be restored
             signal.signal(kind, handler if handler is not None else signal.SIG_DFL)

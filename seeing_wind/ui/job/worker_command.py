@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[3]
-"""The folder that holds the package `seeing_wind`: there the worker finds it under its plain name."""
+"""The folder that contains the package `seeing_wind`, where the worker finds it under its plain name."""
 
 
 def command(python: str, verb: str, *options: str) -> list[str]:
@@ -15,14 +15,14 @@ def command(python: str, verb: str, *options: str) -> list[str]:
 
 
 KEY_VARIABLE = "SEEING_WIND_MATERIAL_KEY"
-"""Where the engine looks for the key of the model that is asked about materials."""
+"""Environment variable in which the engine looks for the key of the model that is asked about materials."""
 
 
 def environment(key: str = "") -> dict[str, str]:
-    """This process's environment without Blender's Python settings, which would break another Python. `key` is for one that asks."""
+    """This process's environment without Blender's Python settings, which would break another Python, and with a model's `key`."""
     kept = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
     if key:
         kept[KEY_VARIABLE] = key
-    # Compiled modules are kept beside the engine's files, as Blender keeps those of the panel: they take a second of every start else.
-    # Where the folder is not writable, Python goes without.
+    # Compiled modules are cached beside the engine's files, as Blender does for the panel's; otherwise every start takes a second longer.
+    # If the folder is not writable, Python does without the cache.
     return kept | {"PYTHONPATH": str(ROOT), "PYTHONUTF8": "1", "PYTHONNOUSERSITE": "1"}

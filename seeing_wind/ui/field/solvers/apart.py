@@ -28,7 +28,7 @@ def keep_apart(scene: bpy.types.Scene) -> None:
 
 
 def choose_effectors(scene: bpy.types.Scene, obj: bpy.types.Object, field: bpy.types.Object, alone: bool) -> None:
-    """Make an object's solvers feel the fields of one kind, or only this field (`alone`). Unless `alone`, the user's own collection stays."""
+    """Make an object's solvers feel fields of one kind, or this field only (`alone`). Unless `alone`, the user's own collection stays."""
     chosen = _only(scene, field) if alone else _of_kind(scene, field)
     for weights in _weights(scene, obj):
         if alone or weights.collection is None or FELT in weights.collection:

@@ -1,8 +1,8 @@
 """The lattice of all frames as one image, packed into the file: float pixels without a color space.
 
-A tile of the image is one layer of the lattice, with x to the right and y upwards. Layers of growing z stand side by side, frames one above
-the other. Blender's texture force field has the value 0.5 minus the color, so the colors, between 0 and 1, are 0.5 minus the field over twice
-its largest component. Alpha holds their sum, which the nodes need to rotate the field (see `tree`).
+A tile of the image is one layer of the lattice, with x to the right and y upwards. Layers of growing z stand side by side, frames one
+above the other. Blender's texture force field has the value 0.5 minus the color, so the colors, between 0 and 1, are 0.5 minus the field
+over twice its largest component. Alpha holds their sum, which the nodes need to rotate the field (see `tree`).
 """
 
 from __future__ import annotations

@@ -115,7 +115,7 @@ def download(url: str) -> Iterator[bytes]:
 
 
 def opened(url: str) -> IO[bytes]:
-    """The server's response. Its certificate is checked against the system's, or else against those of certifi, which comes with Blender."""
+    """The server's response. Its certificate is checked against the system's, else against those of certifi, which comes with Blender."""
     try:
         return urllib.request.urlopen(url, timeout=STALL_SECONDS)
     except urllib.error.URLError as error:
