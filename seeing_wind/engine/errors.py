@@ -1,7 +1,7 @@
 """Errors that a user can act on: each says what happened, and `hint` what to do next.
 
-Misuse and failure are exceptions; a recovery that merely stops early is not (see `records.Outcome`). Their classes alone say which of the
-two it was, and so which exit code the command line returns.
+Misuse and failure are exceptions; a recovery that merely stops early is not (see `records.Outcome`). The class of the exception alone
+determines whether it was misuse or failure, and so which exit code the command line returns.
 """
 
 from __future__ import annotations
@@ -11,14 +11,15 @@ import errno
 FAILED = 1
 """Exit code of a job that could not do its work with what it was given: a full disk, a missing package, a simulation that breaks down."""
 WRONG_INPUT = 2
-"""Exit code where what was given cannot be used, whenever that is found: options, a file, a damaged take, the clip, or the object
+"""Exit code where an input cannot be used, at whatever point this is found out: options, a file, a damaged take, the clip, or the object
 in it."""
 DONE_WITH_WARNINGS = 3
-"""Exit code of a job whose result is there, but not every image or video of it, or is not to be trusted: its `warnings` say which."""
+"""Exit code of a job that has a result, but some image or video of it is missing, or the result is not to be trusted: its `warnings` say
+which."""
 CANCELLED = 130
 """Exit code after a cancel, as a shell reports SIGINT."""
 NO_PATH = (errno.ENOTDIR, errno.EEXIST, errno.ENAMETOOLONG, errno.ELOOP)
-"""Errors of the system for a path that can be none: it leads through a file or in a circle, or is too long."""
+"""Codes of system errors that mean that a path is invalid: it leads through a file or in a circle, or is too long."""
 
 
 class SeeingWindError(Exception):
@@ -44,7 +45,7 @@ class SeeingWindError(Exception):
 
 
 class UsageError(SeeingWindError):
-    """Options or files that cannot be used: they contradict each other, are out of range, or hold something else."""
+    """Options or files that cannot be used: they contradict each other, are out of range, or have the wrong content."""
 
     exit_code = WRONG_INPUT
 
@@ -56,7 +57,7 @@ class ClipError(SeeingWindError):
 
 
 class ObjectError(SeeingWindError):
-    """No object where the mask or box says, or one too small to follow."""
+    """The object cannot be used: there is none at the mask or box, it is too small to follow, or its mesh or points are unsuitable."""
 
     exit_code = WRONG_INPUT
 
@@ -64,7 +65,7 @@ class ObjectError(SeeingWindError):
 class MaterialError(SeeingWindError):
     """A material that is not in the library or whose numbers are not physical.
 
-    `quantity` is the property of the material that is out of its range, "" where it is none.
+    `quantity` is the property that is out of its range, or "" if the error is of another kind.
     """
 
     exit_code = WRONG_INPUT
@@ -75,19 +76,19 @@ class MaterialError(SeeingWindError):
 
 
 class ModelError(SeeingWindError):
-    """An optional model: see `WrongModel`, or its endpoint does not answer or answers nonsense."""
+    """An optional model failed: it cannot be used (`WrongModel`), or its endpoint does not answer or answers nonsense."""
 
 
 class WrongModel(ModelError):
-    """A model that was given and cannot be used: there is none of that name, its folder lacks files, or holds others."""
+    """A given model cannot be used: there is none of that name, or its folder lacks files or holds the wrong ones."""
 
     exit_code = WRONG_INPUT
 
 
 class SimulationError(SeeingWindError):
-    """The simulation stopped: a substep too long, a particle out of the grid, or a value that is not finite.
+    """The simulation stopped: a substep was too long, a particle left the grid, or a value was not finite.
 
-    `frame`, `substep` and `particle` say where (-1 where it does not apply); `quantity` which number.
+    `frame`, `substep` and `particle` say where it stopped (-1 where this does not apply), `quantity` which value was at fault.
     """
 
     def __init__(self, message: str, hint: str = "", *, frame: int = -1, substep: int = -1, particle: int = -1, quantity: str = "") -> None:
@@ -100,13 +101,13 @@ class TakeError(SeeingWindError):
 
 
 class WrongTake(TakeError):
-    """A take or a path that was given and cannot be used: damaged, of another version, or with something else in the place of a file."""
+    """A given take or path cannot be used: it is damaged, of another version, or has something else in the place of a file."""
 
     exit_code = WRONG_INPUT
 
 
 def extra(name: str) -> str:
-    """How an optional part of the engine is installed, as the guides say it: no index of packages has this project."""
+    """The command that installs an optional part of the engine, as in the guides: from the project's folder, as no package index has it."""
     return f'pip install "PROJECT[{name}]", PROJECT being the folder of this project'
 
 

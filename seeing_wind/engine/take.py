@@ -1,8 +1,8 @@
 """A take: the folder on disk that holds all that is known about one clip.
 
-Every file is written aside, synced and renamed, so a crash or a full disk never leaves half a file; a stage's stamp (the hash of its
-inputs and settings) is written last, so a stage is done only if its stamp matches. Nothing in a take can execute code: NPZ without
-pickle, safetensors, TOML, JSON, PLY, PNG, MP4.
+Every file is written under a temporary name, synced and renamed, so a crash or a full disk never leaves half a file; a stage's stamp (the
+hash of its inputs and settings) is written last, so a stage is done only if its stamp matches. Nothing in a take can execute code: NPZ
+without pickle, safetensors, TOML, JSON, PLY, PNG, MP4.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from .settings import toml_text
 R = TypeVar("R")
 
 BLOCK = 2**24
-"""Bytes of a file that are hashed at once."""
+"""Bytes of a file that are read and hashed at a time."""
 
 FORMAT = 1
 """Version of the take's layout."""
@@ -41,16 +41,16 @@ VERSION = 35
 """Part of every stamp: raise it when a stage's results change, so that old takes are redone."""
 
 LEVEL = 3
-"""Of the compression of arrays: frames in 0.4 of the time of zlib's usual 6, and a ninth larger."""
+"""Compression level of arrays: frames take 0.4 of the time of zlib's default level, 6, and a ninth more space."""
 
 RESULTS = re.compile(
     r"take\.(toml|lock)|(observation|view\d+|particles|lifted|trajectory|solve)\.npz|(field|fitted|wind|checkpoint\..*)\.safetensors"
     r"|(wind|report|preview|resimulation)\.json|gaussians\.ply|(report|preview|held)\.png|(overlay|preview|resimulated)\.mp4"
 )
-"""Names of the files of a take that its stages write."""
+"""Names of the files that the stages write into a take."""
 
 LONGEST_NAME = 80
-"""Characters kept free behind a take's folder for the names of its files, those written aside included."""
+"""Characters of a path that are kept free, after the take's folder, for the names of its files, temporary ones included."""
 
 
 class Take:
@@ -64,10 +64,10 @@ class Take:
         return self.path / name
 
     def prepare(self) -> None:
-        """Make the folder and see that it can be written, before hours of work are to be kept in it.
+        """Make the folder and check that it can be written to, before hours of work depend on it.
 
         Raises:
-            TakeError: when it cannot. WrongTake: the path is none. UsageError: it is a file.
+            TakeError: it cannot be written to. WrongTake: the path is invalid. UsageError: it is a file.
         """
         if systems.too_long(self.path, LONGEST_NAME):
             raise TakeError(
@@ -85,7 +85,7 @@ class Take:
             raise kind(f"{self.path} cannot be written: {error.strerror or error}.", "Choose another folder with --take.") from error
 
     def clear_leftovers(self) -> None:
-        """Remove what processes that are dead by now were writing."""
+        """Remove unfinished files of processes that no longer run."""
         for path in [*self.path.glob(".*.part*"), *self.path.glob("*/.*.part*")]:
             found = re.fullmatch(r"\..*\.(\d+)\.part(\..*)?", path.name)
             if found and path.is_file() and (int(found[1]) == os.getpid() or not systems.alive(int(found[1]))):
@@ -94,13 +94,13 @@ class Take:
 
     @contextlib.contextmanager
     def writing(self, name: str) -> Iterator[Path]:
-        """Write a file of the take through a neighbour that takes its place only when the block ends without an error.
+        """Path of a temporary file in the same folder, which replaces the take's file only when the block ends without an error.
 
-        The neighbour keeps the file's suffix (writers such as FFmpeg choose the format by it). A link to a file is itself replaced.
+        The temporary file keeps the suffix (writers such as FFmpeg choose the format by it). A link to a file is itself replaced.
 
         Raises:
-            TakeError: when the folder cannot be written, or the disk is full. WrongTake: when what is there is no file (a folder, a device,
-                a pipe), which is untouched, or the path is none.
+            TakeError: the folder cannot be written to, or the disk is full. WrongTake: the path is invalid, or is taken by something other
+                than a file (a folder, a device, a pipe), which is left untouched.
         """
         target = self.file(name)
         aside = target.with_name(f".{target.stem}.{os.getpid()}.part{target.suffix}")
@@ -126,12 +126,12 @@ class Take:
                 aside.unlink(missing_ok=True)
 
     def write_json(self, name: str, values: dict[str, Any]) -> None:
-        """Write a JSON file; non-finite numbers are refused, as other readers would be."""
+        """Write a JSON file. Numbers that are not finite are refused (ValueError), as other programs could not read them."""
         with self.writing(name) as path:
             path.write_text(json_text(values), encoding="utf-8")
 
     def read_json(self, name: str) -> dict[str, Any]:
-        """Read a JSON file of the take. Raises WrongTake when it is missing, unreadable, or no mapping."""
+        """Read a JSON file of the take. Raises WrongTake when it is missing, unreadable, or not a mapping."""
         try:
             values = read_json(self.file(name))
             if not isinstance(values, dict):
@@ -158,10 +158,10 @@ class Take:
     # -- stamps ---------------------------------------------------------------------------------------------------------------
 
     def description(self) -> dict[str, Any]:
-        """take.toml as a mapping; empty for a take that is not there yet.
+        """take.toml as a mapping; empty for a take that does not exist yet.
 
         Raises:
-            WrongTake: when it cannot be read, is of another format, or its stages are no tables.
+            WrongTake: it cannot be read, has another format, or its stages are not tables.
         """
         path = self.file("take.toml")
         if not path.exists():
@@ -187,9 +187,9 @@ class Take:
         return values
 
     def source_of(self, stage: str, key: str) -> str:
-        """The file that a finished stage was given as `key`, such as the clip of *observe*; "" where the take does not say.
+        """The file that a finished stage was given as `key`, such as the clip of *observe*; "" where the take does not name one.
 
-        Nor does one that cannot be read, which is told by the stage that reads it.
+        It is "" also for a take that cannot be read: the stage that reads the take reports that.
         """
         try:
             named = self.description().get("stages", {}).get(stage, {}).get("settings", {}).get(key)
@@ -202,9 +202,9 @@ class Take:
         return self.description().get("stages", {}).get(stage, {}).get("stamp") == stamp
 
     def kept(self, stage: str, stamp: str, read: Callable[[], R], progress: Progress, told: str = "") -> R | None:
-        """What an earlier run left of `stage`, None if it has to be done: not finished, of other inputs, or its files are damaged.
+        """What `read` returns of a `stage` done in an earlier run; None if it was not finished, its inputs have changed, or it is damaged.
 
-        `told`: the stage's name in `progress`, if it goes by another there.
+        `told`: the stage's name in `progress`, if it differs.
         """
         if not self.is_done(stage, stamp):
             return None
@@ -216,13 +216,13 @@ class Take:
             return None
 
     def finish(self, stage: str, stamp: str, settings: dict[str, Any]) -> None:
-        """Write the stamp of a finished stage and its settings, last of all. Stamps of later stages stay: their inputs are in them."""
+        """Write the stamp and settings of a finished stage, after all its files. Stamps of later stages stay: they hash their inputs."""
         with self.finishing(stage, stamp, settings):
             pass
 
     @contextlib.contextmanager
     def finishing(self, stage: str, stamp: str, settings: dict[str, Any]) -> Iterator[None]:
-        """`finish` when the block ends without an error; a full disk is met before it begins."""
+        """`finish` when the block ends without an error. take.toml is written before the block begins, so a full disk shows first."""
         description = self.description()
         description["format"] = FORMAT
         description.setdefault("stages", {})[stage] = {"stamp": stamp, "settings": settings}
@@ -231,7 +231,7 @@ class Take:
             yield
 
     def withdraw(self, stage: str) -> None:
-        """Take back a stage's stamp, before its files are replaced: a job that ends in between leaves none that is wrong."""
+        """Clear a stage's stamp before its files are replaced, so that a job that ends in between does not leave a stamp on mixed files."""
         description = self.description()
         if stage in description.get("stages", {}):
             description["stages"][stage]["stamp"] = ""
@@ -243,8 +243,8 @@ def require_take(path: str) -> Take:
     """A take that has a recovered field.
 
     Raises:
-        UsageError: when there is none at `path`.
-        WrongTake: when its description cannot be read, or is of a newer format; one that is not there is none, and no obstacle.
+        UsageError: there is none at `path`.
+        WrongTake: its take.toml cannot be read, or is of a newer format. A missing take.toml is no error.
     """
     take = Take(path)
     if not take.file("field.safetensors").is_file():
@@ -254,17 +254,17 @@ def require_take(path: str) -> Take:
 
 
 def _reason(error: OSError | ValueError) -> str:
-    """What is wrong with a file, without its path."""
+    """The text of an error of a file, without the path."""
     return str(getattr(error, "strerror", None) or error)
 
 
 def json_text(values: dict[str, Any]) -> str:
-    """JSON to be read by people, too. ValueError for numbers that are not finite."""
+    """Indented JSON. Raises ValueError for numbers that are not finite."""
     return json.dumps(values, indent=2, allow_nan=False) + "\n"
 
 
 def npz(name: str, arrays: dict[str, np.ndarray]) -> bytes:
-    """A compressed NPZ, whole before any of it is written: an archive that meets a full disk complains twice. TypeError names `name`."""
+    """A compressed NPZ in memory (one written to a full disk fails again when it is closed). TypeError for object arrays names `name`."""
     for key, array in arrays.items():
         if np.asarray(array).dtype == object:
             raise TypeError(f"{name}: {key} is an object array")
@@ -277,7 +277,7 @@ def npz(name: str, arrays: dict[str, np.ndarray]) -> bytes:
 
 
 def stamp_of(*parts: Any) -> str:
-    """Hash of settings, strings, other stamps and files (a `Path` counts with its content): 16 hexadecimal digits."""
+    """Hash of settings, strings, other stamps and files (of an existing file at a `Path`, its content): 16 hexadecimal digits."""
     digest = hashlib.sha256()
     for part in parts:
         if isinstance(part, Path):

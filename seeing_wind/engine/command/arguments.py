@@ -1,6 +1,6 @@
-"""The command line: the verbs and options that users, batch scripts and the panel hold on to.
+"""The command line: the verbs and options that users, batch scripts and the panel rely on.
 
-What belongs to a setting comes from `engine/settings`, which defines it once; here are the verbs, and what only the command line has.
+Options that are settings are defined once, in `engine/settings`; here are the verbs and the options that only the command line has.
 """
 
 from __future__ import annotations
@@ -20,19 +20,19 @@ from ..settings.observe import NETWORKS, SEEN, VIEW
 from ..settings.recover import SOLVE
 
 DESCRIPTIONS = {NETWORKS: "each a folder, or a name in the hub's cache; see `doctor`"}
-"""Of the groups that need more than their title."""
+"""Descriptions of the option groups that need more than their title."""
 CLIP = "a video, or with --fps a folder of images or a pattern such as shot_%%04d.png"
 
 
 class Parser(argparse.ArgumentParser):
-    """Wrong usage is an error message like any other, not text on stderr and an exit from the middle of a worker.
+    """A parser that raises `UsageError` for wrong usage, where argparse would print to stderr and exit from the middle of a worker.
 
-    Options come under the titles of their groups; of those that share `one_of` at most one may be given.
+    Options are listed under the titles of their groups; of the options that share `one_of`, at most one may be given.
     """
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         super().__init__(*arguments, **options)
-        # argparse takes -4.4e-07, a component of a turned gravity, for an option: its own pattern knows no exponents.
+        # argparse mistakes -4.4e-07, a component of a rotated gravity, for an option: its own pattern has no exponents.
         self._negative_number_matcher = re.compile(r"-\.?\d")
         self._titled: dict[str, Any] = {}
         self._alternatives: dict[str, Any] = {}
@@ -41,24 +41,25 @@ class Parser(argparse.ArgumentParser):
         raise UsageError(f"{self.prog}: {message}.", f"See `{self.prog} --help`.")
 
     def titled(self, title: str, description: str | None = None) -> Any:
-        """The group of that title."""
+        """The option group with that title, created at the first call."""
         if title not in self._titled:
             self._titled[title] = self.add_argument_group(title, description or DESCRIPTIONS.get(title))
         return self._titled[title]
 
     def one_of(self, name: str, title: str) -> Any:
-        """The options of which one may be given, under that title."""
+        """The set `name` of mutually exclusive options under that title, created at the first call."""
         if name not in self._alternatives:
             self._alternatives[name] = self.titled(title).add_mutually_exclusive_group()
         return self._alternatives[name]
 
     def add_settings(self, cls: type, only: Collection[str] = (), but: Collection[str] = (), **defaults: tuple[Any, str]) -> None:
-        """The options of a settings dataclass that are not there yet.
+        """Add those options of a settings dataclass that the parser does not have yet.
 
         Args:
-            cls: of `engine.settings`.
-            only: names of those that are wanted, if not all; but: names of those that are not.
-            defaults: other defaults by name, and how the help says them.
+            cls: a class of `engine.settings`.
+            only: names of the options to add; all if empty.
+            but: names of options to leave out.
+            defaults: by name, a default in place of the class's own, and the words for it in the help.
         """
         for one in options_of(cls).values():
             if one.name in (only or {one.name}) and one.name not in but and one.flag not in self._option_string_actions:
@@ -75,7 +76,7 @@ def _keywords(one: Option) -> dict[str, Any]:
 
 
 def path(text: str) -> str:
-    """A path that is not blank: that would be the current folder."""
+    """Read a path, which must not be blank: a blank one would mean the current folder."""
     if not text.strip():
         raise argparse.ArgumentTypeError(f"'{text}' is no path")
     return text
@@ -176,7 +177,7 @@ def _batch(p: Parser) -> None:
 
 
 def settings_of(cls: type, arguments: argparse.Namespace, **more: Any) -> Any:
-    """The dataclass `cls` filled from the parsed options of the same names, `more` winning."""
+    """The dataclass `cls`, filled from the parsed options of the same names; values in `more` take precedence."""
     values: dict[str, Any] = {}
     options = options_of(cls)
     for field in dataclasses.fields(cls):
@@ -190,7 +191,7 @@ def settings_of(cls: type, arguments: argparse.Namespace, **more: Any) -> Any:
 
 
 def observe_settings(arguments: argparse.Namespace) -> ObserveSettings:
-    """What is asked of the stage *observe*. Points are recognised where the body may be a sheet, or nobody knows yet.
+    """The settings of the stage *observe*. Points are recognised if the body may be a sheet, or if its material is yet to be asked for.
 
     Raises:
         MaterialError: an unknown material, or numbers that are not physical.
@@ -201,5 +202,5 @@ def observe_settings(arguments: argparse.Namespace) -> ObserveSettings:
 
 
 def properties_of(arguments: argparse.Namespace) -> dict[str, Any]:
-    """What the options say of the material, as `materials.adjust` takes it; None where they do not."""
+    """Properties of the material from the options, as arguments of `materials.adjust`; None for those that were not given."""
     return {one.name: getattr(arguments, one.name) for one in options_of(BuildSettings).values() if one.group == MADE and one.optional}

@@ -1,6 +1,6 @@
-"""Cancel by the pipe: who starts a worker writes "cancel" to its stdin, on every system. The end of the pipe cancels too: nobody waits.
+"""Cancelling through a pipe: on every system, the parent of a worker writes "cancel" to the worker's stdin.
 
-Only a worker that is told so listens (`CANCEL_BY_STDIN`).
+The end of the pipe cancels, too, as the parent is then gone. A worker listens only if the environment variable `CANCEL_BY_STDIN` says so.
 """
 
 from __future__ import annotations
@@ -15,17 +15,20 @@ from .. import systems
 from ..progress import CANCEL_BY_STDIN
 
 LOOK_SECONDS = 0.05
-"""Between two looks into the pipe on Windows."""
+"""Time between two checks of the pipe on Windows."""
 
 
 def listen(cancel: Callable[[], None]) -> threading.Thread | None:
-    """Call `cancel` once the parent writes a line "cancel" or is gone. Returns the listening thread; None where nobody asked for one."""
-    if os.environ.pop(CANCEL_BY_STDIN, "") != "1" or sys.__stdin__ is None:  # popped: programs that we start have another stdin
+    """Call `cancel` once the parent writes a line "cancel" or is gone.
+
+    Returns the listening thread; None if the environment does not ask for one.
+    """
+    if os.environ.pop(CANCEL_BY_STDIN, "") != "1" or sys.__stdin__ is None:  # removed: processes that we start have another stdin
         return None
     stdin = sys.__stdin__.fileno()
     pipe = os.dup(stdin)
     nothing = os.open(os.devnull, os.O_RDONLY)
-    os.dup2(nothing, stdin)  # neither a library nor a program that it starts shall read the pipe or keep it open
+    os.dup2(nothing, stdin)  # so that no library, and no process that it starts, reads the pipe or keeps it open
     os.close(nothing)
     thread = threading.Thread(target=_follow, args=(pipe, cancel), daemon=True, name="seeing-wind-cancel")
     thread.start()
@@ -47,18 +50,20 @@ def _follow(pipe: int, cancel: Callable[[], None]) -> None:
 
 
 def _read(pipe: int) -> bytes:
-    """What comes next; b"" at the end."""
+    """The next bytes from the pipe; b"" at its end."""
     while systems.windows() and not bytes_waiting(pipe):
         time.sleep(LOOK_SECONDS)
     return os.read(pipe, 4096)
 
 
 def bytes_waiting(pipe: int) -> int:
-    """Bytes that lie in a pipe of Windows. There a thread that waits in a read blocks whatever else asks about the pipe, such as a C
-    library that looks at stdin as it is loaded.
+    """Number of bytes that can be read from a pipe on Windows without waiting.
+
+    On Windows, a thread that waits in a read blocks every other query of the pipe, such as that of a C library that inspects stdin when it
+    is loaded.
 
     Raises:
-        OSError: when the pipe is broken.
+        OSError: the pipe is broken.
     """
     import ctypes
     import msvcrt

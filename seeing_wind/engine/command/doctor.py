@@ -13,12 +13,12 @@ from typing import Any
 from ..errors import extra
 
 REQUIRED = ("numpy", "scipy", "torch", "opencv-python-headless", "safetensors", "trimesh", "matplotlib")
-"""Besides the compiler that the solver was told to use: the check *solver* tries that one."""
+"""Required packages, apart from the solver's compiler, which the check *solver* tries."""
 OPTIONAL = {"transformers": f"Optional perception models: {extra('models')}."}
 
 
 def examine() -> list[dict[str, Any]]:
-    """One entry per check: name, ok, detail, and advice where it is not ok and something can be done."""
+    """One mapping per check: name, ok, detail and, if the check failed and something can be done, advice."""
     checks = [
         {
             "name": "python",
@@ -42,7 +42,7 @@ def _package(name: str, advice: str) -> dict[str, Any]:
 
 
 def optional_models() -> list[dict[str, Any]]:
-    """The optional models: whether the hub's cache has them and what they need, and their licences."""
+    """Checks of the optional models: whether the hub's cache has them and the packages that they need, and their licences."""
     from ..observe.models.catalogue import KNOWN, cached
 
     checks = []
@@ -62,12 +62,12 @@ def optional_models() -> list[dict[str, Any]]:
 def _attempt(name: str, check: Callable[[], str]) -> dict[str, Any]:
     try:
         return {"name": name, "ok": True, "detail": check()}
-    except Exception as error:  # the point of a doctor is to say what fails, whatever it is
+    except Exception as error:  # whatever fails is the result of the check
         return {"name": name, "ok": False, "detail": f"{type(error).__name__}: {error}", "advice": "Run Install Engine again."}
 
 
 def _solver() -> str:
-    """A free fall of eight particles through the real solver, and its speed, by which a preview says how long a solve takes."""
+    """Simulate the free fall of eight particles, and measure the solver's speed, from which a preview estimates the time of a solve."""
     import numpy as np
 
     from ..materials import find

@@ -1,4 +1,4 @@
-"""What a user gives, kept from being overwritten: inputs that lie where a take's own files go, and folders that hold somebody's files."""
+"""Protection of the user's files from being overwritten: inputs that lie where a take's files go, and folders that are not takes."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from ..settings.tables import names_in
 from ..take import RESULTS, Take
 
 MADE = rf"{RESULTS.pattern}|bodies/[^/.][^/]*\.npz"
-"""Pattern of what the stages of a take write, from its folder on."""
+"""Pattern of the files that stages write into a take, relative to its folder."""
 SIGNS = ("take.toml", "take.lock", "field.safetensors")
-"""A folder with one of them is a take: a job that is killed before it stamps its first stage leaves the lock."""
+"""A folder with any of these files is a take. A job that is killed before it stamps its first stage leaves only the lock."""
 TRUTH = ("trajectories", "truth")
-"""Where a take says which file of trajectories it was recovered from: as a stage and what that was given."""
+"""Stage and key, in take.toml, under which a take keeps the file of trajectories that it was recovered from."""
 PROPOSED = "held.png"
-"""What `observe` proposes as held, to be given back as --pin; no stage writes it then."""
+"""The mask that `observe` proposes as held. The user may give it back as --pin; no stage writes it then."""
 
 
 def inputs_of(arguments: argparse.Namespace) -> Iterator[tuple[str, Path]]:
-    """The files that the options of a verb name, and what a message calls each."""
+    """The files that a verb's options name, each as (name in messages, path)."""
     for name in ("clip", "truth"):
         if hasattr(arguments, name):
             yield from ((str(file), file) for file in _files(getattr(arguments, name)))
@@ -40,26 +40,26 @@ def inputs_of(arguments: argparse.Namespace) -> Iterator[tuple[str, Path]]:
 
 
 def inputs_of_edit(edit: Path) -> Iterator[tuple[str, Path]]:
-    """An edit's file and those that it names, and what a message calls each."""
+    """An edit's file and the files that it names, each as (name in messages, path)."""
     yield str(edit), edit
     yield from ((f"{name} of {edit}", edit.parent / name) for name in names_in(edit))
 
 
 def refuse_overwriting(take: Take, inputs: Iterable[tuple[str, Path]], made: str = MADE) -> None:
-    """See that no file that is read would be replaced by one that the job writes into the take.
+    """Check that the job does not replace a file that it reads by one that it writes into the take.
 
     Args:
-        inputs: what a message calls each, and its path.
-        made: pattern of the names that it writes, from the take's folder on, with '/' between folders.
+        inputs: the files that are read, each as (name in messages, path).
+        made: pattern of the files that are written, relative to the take's folder, with '/' between folders.
 
     Raises:
-        UsageError: one would.
+        UsageError: a file that is read would be replaced.
     """
     home = Path(os.path.realpath(take.path))
     for called, path in inputs:
-        if not os.path.isfile(path):  # told by the stage that reads it
+        if not os.path.isfile(path):  # reported by the stage that reads it
             continue
-        # A link in the take is replaced as well, wherever it leads.
+        # A link in the take would be replaced, too, wherever it points.
         for place in (Path(os.path.realpath(path)), Path(os.path.realpath(path.parent), path.name)):
             if place.is_relative_to(home) and _is_made(home, place, made):
                 raise UsageError(
@@ -69,12 +69,12 @@ def refuse_overwriting(take: Take, inputs: Iterable[tuple[str, Path]], made: str
 
 
 def made_of(edit: Edit) -> str:
-    """Pattern of what a re-simulation of this edit may write, from its folder on; bodies of other edits are left as they are."""
+    """Pattern of the files that a re-simulation of this edit may write, relative to its folder; bodies of other edits are left alone."""
     return "|".join([RESULTS.pattern, *(re.escape(f"bodies/{body.name}.npz") for body in edit.body)])
 
 
 def refuse_foreign(take: Take) -> None:
-    """See that a folder that is no take yet holds no files that one would replace.
+    """Check that a folder that is not a take yet holds no files that a take's files would replace.
 
     Raises:
         UsageError: it does.
@@ -88,11 +88,11 @@ def refuse_foreign(take: Take) -> None:
 
 
 def refuse_result(path: Path, folder: bool = False) -> None:
-    """See that what a user asked for with --out replaces no file of some take, one that stages have stamped or with a field, and nothing
-    that is no file.
+    """Check that the result given by --out replaces neither a file of a take (with stamped stages or a field) nor anything but a file.
 
     Args:
-        path: to be written; folder: it is one, and may be there already.
+        path: the result to be written.
+        folder: whether it is a folder, which may exist already.
 
     Raises:
         UsageError: it does.
@@ -104,11 +104,12 @@ def refuse_result(path: Path, folder: bool = False) -> None:
 
 
 def refuse_of_another(take: Take, file: str) -> None:
-    """See that what a take holds of one clip, or of one file of trajectories, is not replaced by another's. One that was copied or moved
-    is no other.
+    """Check that a take of one clip, or of one file of trajectories, is not replaced by that of another one.
+
+    A copied or moved file counts as the same.
 
     Raises:
-        UsageError: it would be.
+        UsageError: it would be replaced.
     """
     for kind, of in (("clip", take.source_of("observe", "clip")), ("file of trajectories", take.source_of(*TRUTH))):
         if _another(file, of):
@@ -119,12 +120,14 @@ def refuse_of_another(take: Take, file: str) -> None:
 
 
 def note_truth(take: Take, upstream: str, truth: str) -> None:
-    """Keep in a take which file of trajectories, `truth`, it was recovered from; `upstream`: the stamp of what was read of it."""
+    """Note in a take that it was recovered from the file of trajectories `truth`; `upstream` is the stamp of what was read from it."""
     take.finish(TRUTH[0], upstream, {TRUTH[1]: truth})
 
 
 def refuse_of_another_edit(take: Take, edit: Path) -> None:
-    """The same of a re-simulation. An edit that lies in the folder itself, as the panel's do, is that folder's own.
+    """Check that a re-simulation's folder is not that of another edit.
+
+    An edit that lies in the folder itself, as the panel's do, belongs to that folder.
 
     Raises:
         UsageError: it is another edit's.
@@ -138,7 +141,7 @@ def refuse_of_another_edit(take: Take, edit: Path) -> None:
 
 
 def _another(file: str, than: str) -> bool:
-    """Whether a file is another one than a take names, if it names any: neither the same, nor a copy, nor one that was moved."""
+    """Whether `file` is another one than the file `than` that a take names ("" if none), and not a copy of it, nor that file moved."""
     if not than or os.path.realpath(file) == os.path.realpath(than):
         return False
     if os.path.isfile(file) and os.path.isfile(than):
@@ -147,12 +150,12 @@ def _another(file: str, than: str) -> bool:
 
 
 def _files(clip: str) -> list[Path]:
-    """The files of a clip that may be no more than a file's name."""
+    """The files of a clip, which may be a single file."""
     return image_files(clip) if is_sequence(clip) else [Path(clip)]
 
 
 def _is_made(home: Path, path: Path, made: str) -> bool:
-    """Whether `path`, in `home`, is one of these files, also where the file system does not tell capitals."""
+    """Whether `path`, in the folder `home`, matches the pattern `made`, also on a file system that ignores case."""
     name = path.relative_to(home).as_posix()
     if re.fullmatch(made, name):
         return True

@@ -12,7 +12,7 @@ from .lock import held
 
 
 def join(arguments: argparse.Namespace, progress: Progress) -> dict[str, Any]:
-    """`join DIR DIR ...`: the wind is left in each of the takes."""
+    """`join DIR DIR ...`: recover one wind for all these takes, and write it into each of them."""
     from ..recovery.wind.joined import join_winds
 
     with ExitStack() as stack:

@@ -1,6 +1,6 @@
-"""One writer per take: a lock that ends with the process that holds it, however that ends. Reading needs none.
+"""One writer per take: a lock that is released when the process that holds it ends, in whatever way. Reading needs no lock.
 
-The system locks the file `take.lock`; what is written in it only tells others who holds it, and means nothing once the lock is free.
+The operating system locks the file `take.lock`; its content only tells others who holds the lock, and means nothing once the lock is free.
 """
 
 from __future__ import annotations
@@ -24,9 +24,10 @@ from . import inputs
 
 NAME = "take.lock"
 LONGEST = 1000
-"""Bytes that are read of what a holder has written."""
+"""Most bytes that are read of what the lock's holder has written."""
 LOCKED_BYTE = 2**20
-"""Where Windows locks: it lets nobody read what is locked, and others shall read who the holder is."""
+"""Position of the byte that is locked on Windows. It is beyond the content, as locked bytes cannot be read and others shall read who
+holds the lock."""
 
 
 class TakeInUse(TakeError):
@@ -35,17 +36,17 @@ class TakeInUse(TakeError):
 
 @contextlib.contextmanager
 def held(take: Take, verb: str, progress: Progress, reads: Iterable[tuple[str, Path]] = (), made: str = inputs.MADE) -> Iterator[Take]:
-    """Hold a take for writing, from the moment that it is seen to be writable; what dead processes left half-written is removed.
+    """Check that a take can be written to, and hold it for writing; files that dead processes left unfinished are removed.
 
     Args:
-        verb: told to others.
-        progress: warned where the file system knows no locks, so that nothing is held, and where somebody removed the lock meanwhile.
+        verb: the holder's verb, for the message to others.
+        progress: gets a warning if the file system has no locks, so that nothing is held, or if the lock was removed meanwhile.
         reads, made: what the job reads and writes, see `inputs.refuse_overwriting`.
 
     Raises:
-        UsageError: what is read, or a file in a folder that is no take, would be overwritten; nothing is written then.
-        TakeInUse: another process holds it; the message says who, and since when.
-        TakeError: the folder cannot be written. WrongTake: the lock is no file.
+        UsageError: an input, or a file in a folder that is not a take, would be overwritten; nothing is written then.
+        TakeInUse: another process holds the take; the message says which, and since when.
+        TakeError: the folder cannot be written to. WrongTake: the lock is not a file.
     """
     inputs.refuse_overwriting(take, reads, made)
     inputs.refuse_foreign(take)
@@ -79,7 +80,7 @@ def held(take: Take, verb: str, progress: Progress, reads: Iterable[tuple[str, P
 
 
 def _remove_if_empty(take: Take) -> None:
-    """Remove a folder in which nothing was kept, as of a job that found no clip."""
+    """Remove a folder in which nothing was kept, such as that of a job that found no clip."""
     with contextlib.suppress(OSError):
         if [path.name for path in take.path.iterdir()] == [NAME]:
             take.file(NAME).unlink()
@@ -87,7 +88,7 @@ def _remove_if_empty(take: Take) -> None:
 
 
 def _opened(path: Path) -> IO[bytes]:
-    """The lock's file, made if it is not there. A link is not followed: what it points to is not ours to write."""
+    """Open the lock's file, creating it if necessary. A link is not followed, as we must not write to what it points to."""
     try:
         number = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0), 0o666)
     except OSError as error:
@@ -109,7 +110,7 @@ def _is_at(file: IO[bytes], path: Path) -> bool:
 
 
 def _lock(file: IO[bytes]) -> None:
-    """Lock it until it is closed. Raises OSError at once where another process has."""
+    """Lock the file until it is closed. Raises OSError at once if another process has locked it."""
     if sys.platform == "win32":
         import msvcrt
 
@@ -122,7 +123,7 @@ def _lock(file: IO[bytes]) -> None:
 
 
 def _sign(file: IO[bytes], holder: dict[str, str | int]) -> None:
-    """Write who holds the lock; a full disk does not matter."""
+    """Write into the file who holds the lock; a failure, as on a full disk, does not matter."""
     with contextlib.suppress(OSError):
         file.seek(0)
         file.truncate()
@@ -130,7 +131,7 @@ def _sign(file: IO[bytes], holder: dict[str, str | int]) -> None:
 
 
 def _holder(file: IO[bytes]) -> str:
-    """Who holds the lock, by what is written there."""
+    """A description of the lock's holder, from the file's content."""
     try:
         file.seek(0)
         told = json.loads(file.read(LONGEST))

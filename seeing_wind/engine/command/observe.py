@@ -1,4 +1,4 @@
-"""The verb *observe*: what is seen in a clip, drawn and judged before the solve. `recover` with the same options goes on from it."""
+"""The verb *observe*: draws and judges what is seen in a clip, before the solve. `recover` with the same options continues from there."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 IMAGE, FILM, HELD = "preview.png", "preview.mp4", "held.png"
 
 FILM_SIDE = 640
-"""Pixels of the film's longer side, at most: it is there to see what is followed, and most of its time goes into writing it."""
+"""Largest length [px] of the film's longer side: it suffices to see what is followed, and most of the time goes into writing the film."""
 
 
 def observe(arguments: argparse.Namespace, progress: Progress) -> dict[str, Any]:
@@ -45,7 +45,7 @@ def observe(arguments: argparse.Namespace, progress: Progress) -> dict[str, Any]
     refuse_of_another(Take(arguments.take), arguments.clip)
     holding = held(Take(arguments.take), arguments.verb, progress, inputs_of(arguments))
     with holding as take, ThreadPoolExecutor(1) as beside, ThreadPoolExecutor(1) as reading:
-        # What builds bodies takes most of a second to import, as long as the clip takes to read.
+        # Importing the code that builds bodies takes most of a second, about as long as reading the clip.
         beside.submit(import_module, "..observe.object.body", __package__)
         film = _Film()
         seen, _ = observe_stage(take, arguments.clip, settings, progress, watch=film.add)
@@ -67,7 +67,7 @@ def observe(arguments: argparse.Namespace, progress: Progress) -> dict[str, Any]
 
 
 def _time(seen: Observation, arguments: argparse.Namespace) -> list[Verdict]:
-    """What the solve of the body that would be built takes on this machine; nothing while that is not known."""
+    """A verdict on how long the solve would take on this machine for the body that would be built; none while that is not known."""
     from ..observe.object.body import rest_body
     from ..observe.preview.verdicts import Verdict
     from ..recovery.cost import known_speed, work_of
@@ -101,7 +101,7 @@ class _Film:
         self._copies.add(frame)
 
     def frames(self, seen: Observation, progress: Progress) -> Frames:
-        """(T+1, h, w, 3) uint8 RGB; read once more where the take had the observation already."""
+        """The frames (T+1, h, w, 3) uint8 RGB; the clip is read again if the take already had the observation."""
         from ..observe.clip.frames import read_clip
 
         if self._copies is not None:
@@ -113,12 +113,12 @@ class _Film:
 def _film_size(height: int, width: int) -> tuple[int, int]:
     """Height and width [px] of the film of a clip."""
     scale = min(1.0, FILM_SIDE / max(height, width))
-    # Codecs want even sides.
+    # Codecs need even sides.
     return 2 * max(round(0.5 * scale * height - 0.25), 1), 2 * max(round(0.5 * scale * width - 0.25), 1)
 
 
 def _draw_first(take: Take, seen: Observation, proposed: np.ndarray | None, verdicts: list[Verdict]) -> None:
-    """The image of frame 0 with the verdicts, and the proposed place as a mask."""
+    """Draw the image of frame 0 with the verdicts, and the mask of the place proposed as held."""
     import cv2
 
     from ..observe.clip.images import write_png
@@ -133,7 +133,7 @@ def _draw_first(take: Take, seen: Observation, proposed: np.ndarray | None, verd
 
 
 def _draw_film(take: Take, seen: Observation, proposed: np.ndarray | None, reading: Future[Frames], progress: Progress) -> None:
-    """The film of what is followed, with the proposed place."""
+    """Draw the film of what is followed, with the place proposed as held."""
     import cv2
 
     from ..observe.clip.camera import resized
@@ -147,7 +147,7 @@ def _draw_film(take: Take, seen: Observation, proposed: np.ndarray | None, readi
     with contextlib.ExitStack() as together:
         path = together.enter_context(take.writing(FILM))
         writer = together.enter_context(video_writer(path, seen.fps, (width, height)))
-        # Left before the writer is closed, so that nothing is written any more; a frame is drawn while the one before is encoded.
+        # The pool is left before the writer is closed, so nothing is being written then; a frame is drawn while the last is encoded.
         encoder, before = together.enter_context(ThreadPoolExecutor(1)), None
         for t in range(len(frames)):
             progress.update(t / len(frames), f"drawing, frame {t} of {len(frames) - 1}")

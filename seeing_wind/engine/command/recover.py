@@ -1,4 +1,4 @@
-"""The verbs *recover* and *recover-trajectories*: options in, one result out. The work is in the stages."""
+"""The verbs *recover* and *recover-trajectories*: from options to one result. The stages do the work."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ Result = dict[str, Any]
 KEPT = ("observation.npz", "particles.npz", "trajectory.npz", "field.safetensors")
 """Files that every finished recovery of a clip has."""
 PAINTED_DEPTH = 0.5
-"""Grid cells (`RecoverSettings.clamp_depth`): what is painted as held in a frame takes in some material that gives way."""
+"""Default of `RecoverSettings.clamp_depth` [grid cells] for a clip: a painted held part includes some material that gives way."""
 
 
 def recover(arguments: argparse.Namespace, progress: Progress) -> Result:
@@ -47,7 +47,7 @@ def _recover_objects(arguments: argparse.Namespace, progress: Progress) -> Resul
     """`recover CLIP --take DIR --objects OBJECTS.json`: every object in a take of its own, DIR/NAME.take, with its own material.
 
     Raises:
-        UsageError: a file that `identify` did not write, or options that belong to one object.
+        UsageError: the file was not written by `identify`, or an option applies to a single object only.
     """
     from ..observe.models.language import RANGES
     from ..observe.models.objects import read_objects
@@ -73,7 +73,10 @@ def _recover_objects(arguments: argparse.Namespace, progress: Progress) -> Resul
 
 
 def _join_winds(arguments: argparse.Namespace, results: list[Result], progress: Progress) -> list[str]:
-    """One wind for all objects that a wind was found for, if it was asked for; what is in the way is told, and each keeps its own."""
+    """If a wind was asked for, recover one for all objects together.
+
+    Returns a warning if that is not possible; each object then keeps a wind of its own.
+    """
     if arguments.field != "wind" or any(one["outcome"] == Outcome.DIVERGED for one in results) or len(results) < 2:
         return []
     try:
@@ -84,7 +87,7 @@ def _join_winds(arguments: argparse.Namespace, results: list[Result], progress: 
 
 
 def _on(mask: str, pin: str) -> bool:
-    """Whether what the PNG `pin` holds is on the object of the PNG `mask`, so far as both can be read and compared."""
+    """Whether the held part in the PNG `pin` overlaps the object in the PNG `mask`; True if they cannot be read or compared."""
     import cv2
 
     from ..observe.clip.images import read_image
@@ -92,24 +95,24 @@ def _on(mask: str, pin: str) -> bool:
     try:
         images = [read_image(path, cv2.IMREAD_GRAYSCALE) for path in (mask, pin)]
     except (OSError, ValueError):
-        return True  # told by the stage that reads them
+        return True  # reported by the stage that reads them
     if images[0].shape != images[1].shape:
         return True
     return bool(((images[0] > 0) & (images[1] > 0)).any())
 
 
 def recover_one(arguments: argparse.Namespace, progress: Progress) -> Result:
-    """One object of a clip into one take."""
+    """Recover one object of a clip into one take."""
     from ..observe.clip.frames import require_clip
 
-    # What is wrong is told before the work begins, and before a folder is made.
+    # Errors in the options are reported before the work begins and before a folder is made.
     require_clip(arguments.clip)
     _check_views(arguments, progress)
     adjust(find(arguments.material), **properties_of(arguments))
     settings = settings_of(RecoverSettings, arguments, clamp_depth=PAINTED_DEPTH)
     check_solve(settings, clip=True, views=len(arguments.view))
     if arguments.form == "sheet":
-        check_sheet(settings)  # by default the object's size decides, and it is told later
+        check_sheet(settings)  # by default the object's size decides whether it is a sheet; `_sheet` checks that case later
     _check_options(arguments, settings, arguments.frames, arguments.distance)
     endpoint = asked_model(arguments)
     refuse_of_another(Take(arguments.take), arguments.clip)
@@ -118,7 +121,7 @@ def recover_one(arguments: argparse.Namespace, progress: Progress) -> Result:
 
 
 def _check_views(arguments: argparse.Namespace, progress: Progress) -> None:
-    """Refuse further views that are not there, or not of the clip's frames."""
+    """Refuse further views that do not exist, or have another number of frames than the clip."""
     from ..observe.clip.frames import count_frames, require_clip
 
     if not arguments.view:
@@ -134,7 +137,7 @@ def _check_views(arguments: argparse.Namespace, progress: Progress) -> None:
     try:
         counts = {clip: count_frames(clip, arguments.frames, progress) for clip in clips}
     except ClipError:
-        return  # told by the stage that reads it
+        return  # reported by the stage that reads it
     for clip, *_ in arguments.view:
         if counts[clip] != counts[arguments.clip]:
             raise UsageError(
@@ -170,7 +173,7 @@ def _recover_into(
     if arguments.view:
         body, targets, upstream = _with_views(take, arguments.view, observing, observation, body, targets, upstream, progress)
     if settings.still is not None:
-        first, last = settings.still  # counted in the file
+        first, last = settings.still  # numbered as in the file, not from the first frame that is used
         settings = dataclasses.replace(settings, still=(first - observation.first_frame, last - observation.first_frame))
     blown = settings_of(WindSettings, arguments)
     if body.sheet is not None:
@@ -199,7 +202,7 @@ def _recover_into(
 
     result = report_result(take, recovery, arguments.report, observation.clip, draw, progress)
     gone = [name for name in KEPT if not take.file(name).is_file()]
-    if gone:  # somebody has removed the folder meanwhile
+    if gone:  # somebody removed them meanwhile
         result["warnings"].append(f"{' and '.join(gone)} were removed from the take while it was made: run `recover` again.")
     return result
 
@@ -214,9 +217,12 @@ def _with_views(
     built: str,
     progress: Progress,
 ) -> tuple[Body, list[TrackTargets], str]:
-    """The body as all cameras see it, what each of them saw of it, and the stamp of both.
+    """The body as seen by all cameras, the targets from each of them, and the stamp of both.
 
-    `views`: clip, camera and mask of each further view; `targets`: what the first one saw; `built`: stamp of the body as that shows it.
+    Args:
+        views: clip, camera and mask of each further view.
+        targets: those from the first view.
+        built: stamp of the body as built from the first view.
     """
     from ..look.first_frame import with_views
     from ..observe.object.motion.views import view_targets
@@ -232,7 +238,7 @@ def _with_views(
     stamp = stamp_of(built, *(Path(name) for view in views for name in view))
     body = lift_stage(take, observation, body, targets, stamp, progress)
     body, _ = with_views(body, observation, sights, progress)
-    take.withdraw("report")  # which writes that file, too
+    take.withdraw("report")  # as that stage writes the Gaussians' file, too
     write_gaussians(take, body.gaussians)
     return body, targets, stamp
 
@@ -247,10 +253,10 @@ def _sheet(
     blown: WindSettings,
     progress: Progress,
 ) -> tuple[Recovery, ForceField, Wind, dict[str, float]]:
-    """What moved a thin sheet, and the seconds that it took.
+    """Recover what moved a thin sheet: recovery, field, wind, and the seconds that each part took.
 
     Raises:
-        UsageError: options that belong to the solve of a solid.
+        UsageError: an option applies only to the solve of a solid.
     """
     from ..recovery.wind.sheet import SheetSeen, sheet_stage
 
@@ -265,7 +271,10 @@ def _sheet(
 def _check_options(
     arguments: argparse.Namespace, settings: RecoverSettings, frames: tuple[int, int] | None, distance: float | None
 ) -> None:
-    """Refuse what later stages cannot do with a clip, as far as its first and last frame and the object's distance [m] are known."""
+    """Refuse options that later stages would refuse for this clip.
+
+    Only the checks for which the first and last of the `frames`, or the object's `distance` [m], are known by now are made.
+    """
     from ..observe.object.shape.relief import check_thickness
     from ..recovery.clip import still_frames
 

@@ -1,4 +1,4 @@
-"""The end of a recovery: the report drawn, and the result that the verb sends. The field is in the take by then, whatever happens here."""
+"""The end of a recovery: drawing the report, and the result that the verb sends. Whatever fails here, the field is already in the take."""
 
 from __future__ import annotations
 
@@ -16,13 +16,14 @@ Draw = Callable[[Journal], dict[str, Any]]
 
 
 def report_result(take: Take, recovery: Recovery, level: str, clip: str, draw: Draw, progress: Progress) -> Result:
-    """The result of a recovery whose field is in the take. That the field is of no use, and what of the report could not be made, are
-    warnings in it: they fail no job.
+    """Draw the report of a recovery whose field is in the take, and return the verb's result.
+
+    A useless field, and parts of the report that could not be made, are warnings in the result; they do not fail the job.
 
     Args:
-        level: how much of it is drawn, see `look.report.write_report`.
+        level: how much of the report is drawn, see `look.report.write_report`.
         clip: path that the report names; "" for trajectories.
-        draw: draws it, keeping in the journal what is made, and returns what report.json holds.
+        draw: draws the report, keeping finished parts in the journal, and returns the content of report.json.
     """
     from ..recovery.diagnostics.remarks import distrusted
 
@@ -33,7 +34,7 @@ def report_result(take: Take, recovery: Recovery, level: str, clip: str, draw: D
         return _summary(report, take) | {"warnings": warnings}
     except Cancelled:
         raise
-    except Exception as error:  # a codec, a full disk, an OpenCV or a Matplotlib that is unlike those we know
+    except Exception as error:  # such as a codec, a full disk, or an unknown version of OpenCV or Matplotlib
         if not isinstance(error, (SeeingWindError, OSError)):
             traceback.print_exc()
         warning = f"The report could not be made, the field is there: {error}"
@@ -48,14 +49,14 @@ def _summary(report: dict[str, Any], take: Take) -> Result:
 
 
 def diverged_result(recovery: Recovery) -> Result:
-    """The result of a recovery that has no field."""
+    """The result of a recovery that diverged and so has no field."""
     return {"outcome": Outcome.DIVERGED.value, "iterations": recovery.iterations, "notes": recovery.notes}
 
 
 def _report_stage(take: Take, level: str, clip: str, draw: Draw, progress: Progress) -> dict[str, Any]:
-    """Stage *report* of the recovery that the take holds: what `draw` returns, or what it has left in `report.json`.
+    """Stage *report* for the recovery in the take: what `draw` returns, or the `report.json` of an earlier run.
 
-    A report that lacks a product gets no stamp, so that it is drawn again when the job is.
+    A report with missing products gets no stamp, so it is drawn again in the next run of the job.
     """
     from ..recovery.journal import TakeJournal
 
@@ -77,7 +78,7 @@ def _report_stage(take: Take, level: str, clip: str, draw: Draw, progress: Progr
 
 
 def _products(level: str, clip: str) -> list[str]:
-    """Files without which a report is drawn again, whatever its stamp says."""
+    """Files that a report must have: if one is missing, the report is drawn again, whatever its stamp is."""
     if level == "none":
         return []
     return ["report.json", "report.png"] + ["overlay.mp4"] * bool(clip) + ["resimulated.mp4"] * (bool(clip) and level == "full")

@@ -1,4 +1,4 @@
-"""The verb *resimulate*: an edit simulated in the recovered field."""
+"""The verb *resimulate*: simulates an edit in the recovered field."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def resimulate(arguments: argparse.Namespace, progress: Progress) -> dict[str, A
         frames = min(edit.frames or field.frames, field.frames)
         preview = edit.coarseness > 1.0 or frames < field.frames
         summary = {"source": str(source.path), "fps": field.fps, "frames": frames, "preview": preview, "bodies": figures}
-        with contextlib.ExitStack() as together:  # all are there before any takes its place, the stamp last
+        with contextlib.ExitStack() as together:  # all files are written before the first is renamed into place; the stamp is last
             together.enter_context(out.finishing("resimulate", stamp, {"source": str(source.path), "edit": str(arguments.edit)}))
             for name, body in bodies.items():
                 arrays = {"vertices": body.vertices, "triangles": body.triangles, "fps": np.array(field.fps), "shell": np.array(body.shell)}
@@ -65,7 +65,7 @@ def resimulate(arguments: argparse.Namespace, progress: Progress) -> dict[str, A
 
 
 def _mover(edit: Edit, force: ForceField, wind: ForceField | None) -> ForceField:
-    """The field that moves the bodies of an edit. Raises UsageError where that is a wind that the take does not have."""
+    """The field that moves the bodies of an edit. Raises UsageError if the edit asks for a wind and the take has none."""
     if edit.field == "wind" and wind is None:
         raise UsageError("The take has no wind.", "Recover it with --field wind, or leave field out of the edit.")
     return force if wind is None or edit.field == "force" else wind

@@ -1,4 +1,4 @@
-"""What each verb of the command line does: options in, one result out. The long ones have files of their own."""
+"""The verbs of the command line as functions from options to one result. The long ones have files of their own."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def export(arguments: argparse.Namespace, progress: Progress) -> Result:
 
 
 def _felt(field: ForceField, arguments: argparse.Namespace) -> ForceField:
-    """The field as it was recovered, or with --fade as a re-simulation and Blender's solvers feel it."""
+    """The field as it was recovered or, with --fade, as it acts in a re-simulation and in Blender's solvers."""
     from ..recovery.resimulate.in_field import Reach, WithinReach
 
     return field if arguments.fade is None else WithinReach(field, Reach(arguments.fade))

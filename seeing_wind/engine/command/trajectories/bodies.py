@@ -19,21 +19,22 @@ from .material import material_of
 from .spacing import nearest, particle_spacing
 
 FIXED_DEPTH = 0.5
-"""Grid cells (`RecoverSettings.clamp_depth`) at first. A file's `fixed` is what hardly moved: that reaches some way above what is held."""
+"""Default of `RecoverSettings.clamp_depth` [grid cells]: `fixed` in a file is usually what hardly moved, which extends beyond the clamp."""
 HELD_WAY = 0.2
-"""Particle spacings that held particles may move without a word."""
+"""Displacement of held particles, in particle spacings, from which there is a note."""
 HELD_ERRORS = 7.0
-"""Deviations that a place may be off another in one of many points and frames."""
+"""Distance between two observed positions of a point, in deviations, that errors may cause in one of many points and frames."""
 HELD_WILD = 3.0
-"""Particle spacings from which those that move are not held at all."""
+"""Displacement, in particle spacings, from which the particles cannot be held at all."""
 FINEST = 1e-9
-"""Metres: no position is more certain."""
+"""Smallest standard deviation [m] of a position that is accepted."""
 FEW = 8
-"""Points below which a body has no shape to speak of."""
+"""A body of fewer points than this has no shape to speak of."""
 LAYERS, ROUND = 1.5, 12
-"""Layers of particles below which a body has one; and neighbours of a particle among which they are counted, so that it may be curved."""
+"""A body has a single layer if fewer layers of particles than the first number are found. They are counted among this second number of a
+particle's neighbours, so that the layer may be curved."""
 STRAYS = 0.1
-"""Share of a body's particles up to which those that leave it are taken for errors: more of them are a body that falls apart."""
+"""Particles that leave the body are taken to be errors if they are at most this share of all; with more, the body is falling apart."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +48,7 @@ class Trajectories:
     gravity: tuple[float, float, float]
     clamp_depth: float = FIXED_DEPTH
     notes: tuple[str, ...] = ()
-    """What was assumed because neither file nor options say it, what of the file is not used, and what contradicts itself."""
+    """What was assumed because neither the file nor the options give it, what was not used of the file, and contradictions in it."""
 
 
 def read_trajectories(
@@ -58,21 +59,21 @@ def read_trajectories(
 ) -> Trajectories:
     """Read an NPZ with `x` (T+1,N,3) m and `fps`.
 
-    Needed is `E` Pa, too, or a `material` of the library, where no option gives them. Optional are `rho` kg/m³, `nu`, `yield_stress` Pa,
-    `fixed` (N,) bool, `gravity` (3,) m/s², `visible` (T+1,N) bool, all of it true in frame 0, and the errors of x: `sigma` m, the
-    standard deviation of a coordinate, or `covariance` (3,3) or (N,3,3) m². Where a point is not visible, its x is not used.
-    Velocities and forces in the file, if any, are not read: they are what is to be found.
+    The file must also have `E` Pa, or `material`, a name from the library, unless an option gives it. Optional are `rho` kg/m³, `nu`,
+    `yield_stress` Pa, `fixed` (N,) bool, `gravity` (3,) m/s², `visible` (T+1,N) bool, which must be true in frame 0, and the errors of x:
+    `sigma` m, the standard deviation of a coordinate, or `covariance` (3,3) or (N,3,3) m². Where a point is not visible, its x is not
+    used. Velocities and forces in the file, if any, are not read, as they are to be recovered.
 
     Args:
-        material: in place of all that the file says of the material.
-        gravity: [m/s²], in place of the file's.
-        properties: as of `materials.adjust`, in place of the file's and the material's; None leaves those.
+        material: replaces all that the file states about the material.
+        gravity: [m/s²], replaces the file's.
+        properties: arguments of `materials.adjust`, which replace those of the file and of the material; None replaces nothing.
 
     Raises:
-        UsageError: no such file, no NPZ, a key missing, of the wrong type or shape, or a number out of its bounds.
-        ObjectError: too few frames or particles, points that frame 0 does not show, visible positions that are not finite, a body that
-            jumps.
-        MaterialError: as `materials.adjust`, a material that the library does not have, or no stiffness.
+        UsageError: the file does not exist or is not an NPZ; a key is missing or has the wrong type or shape; a number is out of bounds.
+        ObjectError: too few frames or particles, points that are not visible in frame 0, visible positions that are not finite, or a
+            body that jumps.
+        MaterialError: as `materials.adjust`; a material that the library does not have; no stiffness.
     """
     values, notes = values_of(path)
     x, visible, fixed, fps = motion_of(values, path)
@@ -95,7 +96,7 @@ def _few(count: int) -> Iterator[str]:
 
 
 def _layer(particles: Particles) -> Iterator[str]:
-    """A note on a held body whose particles lie in one layer, or in a row: how thick it is they do not show."""
+    """A note on a held body whose particles lie in one layer or in a row, so that they do not show its thickness."""
     from scipy.spatial import cKDTree
 
     x = particles.x
@@ -105,7 +106,7 @@ def _layer(particles: Particles) -> Iterator[str]:
     near = x[cKDTree(x).query(x, k=min(ROUND + 1, len(x)))[1]]
     across = near - near.mean(axis=1, keepdims=True)
     variance = np.linalg.eigvalsh(np.einsum("nki,nkj->nij", across, across) / near.shape[1])[:, 0]
-    # n layers in equal distances have a variance of (n² - 1) / 12 of these squared.
+    # Across n layers a distance d apart, the variance of positions is d² (n² - 1) / 12.
     if np.sqrt(12.0 * float(np.median(variance)) / apart**2 + 1.0) < LAYERS:
         yield (
             "The held body's points lie in one layer, which does not show how thick it is: it is simulated "
@@ -118,9 +119,9 @@ def _layer(particles: Particles) -> Iterator[str]:
 def _errors(
     values: dict[str, np.ndarray], count: int, extent: float, path: str | os.PathLike[str]
 ) -> tuple[float | None, np.ndarray | None]:
-    """What the file says of the errors of x: one standard deviation [m], or covariances (N, 3, 3) [m²]; None where it does not say.
+    """The errors of x that the file states: a standard deviation [m] and covariances (N, 3, 3) [m²], at most one of which is not None.
 
-    `extent` [m] is how far x reaches in space and time.
+    `extent` [m] is the size of the region that x covers over all frames. Raises UsageError for impossible errors.
     """
     if "sigma" in values and "covariance" in values:
         raise UsageError(f"{path} has both sigma and covariance.", "Leave one of them out.")
@@ -148,7 +149,10 @@ def _errors(
 
 
 def _no_covariance(matrices: np.ndarray, extent: float) -> tuple[int, str] | None:
-    """The first of matrices (N, 3, 3) [m²] that is no covariance of errors within `extent` [m], but for rounding, and why it is none."""
+    """The first of the `matrices` (N, 3, 3) [m²] that is not a covariance, and why; None if all are.
+
+    Rounding errors are allowed for; variances must not exceed `extent` [m] squared.
+    """
     size = np.abs(matrices).max(axis=(1, 2))
     rounding = 1e-6 * size
     bounded = size <= extent**2  # False for NaN
@@ -164,8 +168,10 @@ def _no_covariance(matrices: np.ndarray, extent: float) -> tuple[int, str] | Non
 
 
 def _moving(particles: Particles, targets: PointTargets, fps: float) -> Iterator[str]:
-    """A note where held particles move further than those do that are only near a clamp: beyond their errors, and apart from a motion
-    that all of them share, which is taken for the clamp's own."""
+    """A note on held particles that move too far to be held, even if the clamp was marked too large.
+
+    Displacements that their errors explain do not count, nor does a motion that all share, which is taken to be the clamp's own.
+    """
     if not particles.pinned.any():
         return
     clamp, spacing = clamp_motion(particles, targets, fps), particles.spacing
@@ -179,15 +185,18 @@ def _moving(particles: Particles, targets: PointTargets, fps: float) -> Iterator
 
 
 def _stated(targets: PointTargets, some: np.ndarray) -> float:
-    """Standard deviation [m] of the places of `some` (N,) bool points as it was given, 0 where it was not: to measure it would take a
-    clamp that shakes for noise."""
+    """Stated standard deviation [m] of the positions of the points `some` (N,) bool; 0 if none was stated.
+
+    It is not estimated from the points: the motion of a shaking clamp would then be mistaken for noise.
+    """
     if targets.covariance is not None:
         return float(np.sqrt(np.trace(targets.covariance[some], axis1=1, axis2=2).max()))
     return targets.sigma or 0.0
 
 
 def _strays(x: np.ndarray, spacing: float) -> Iterator[str]:
-    """A note on single particles of x (T+1, N, 3), NaN where not seen, that leave their neighbours behind by more than the body's size."""
+    """A note on single particles of x (T+1, N, 3) [m], NaN where not visible, that move away from their neighbours by more than the body's
+    size."""
     from scipy.spatial import cKDTree
 
     count = len(x[0])

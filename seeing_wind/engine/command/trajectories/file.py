@@ -1,4 +1,4 @@
-"""What stands in a trajectory file, each key checked: its numbers, its motion and its gravity."""
+"""Reads a trajectory file and checks each key: its numbers, its motion and its gravity."""
 
 from __future__ import annotations
 
@@ -14,33 +14,33 @@ from ...errors import ObjectError, UsageError
 from ...reading import array_names, read_arrays
 
 FASTEST = 1000.0
-"""Speed [m/s] of most of a body's points that no wind gives: three times that of sound."""
+"""A speed [m/s], three times that of sound, that no wind gives to most of a body's points."""
 ACROSS = (5e-4, 50.0)
-"""Metres between which the longest side of what is filmed in the wind lies, so that another unit is asked about: from a seed's hair to the
-tallest trees but a few."""
+"""Range [m] of the longest side of things filmed in the wind, from a seed's hair to all but the tallest trees. Outside it, a note asks
+whether the unit is another one."""
 NUMBERS = {"density": "rho", "youngs_modulus": "E", "poisson_ratio": "nu"}
 """Properties of `Material` -> keys of the file."""
 MEANT = {
     "rho": ("the density", "kg/m³"), "E": ("Young's modulus", "Pa"), "nu": ("Poisson's ratio", ""), "yield_stress": ("", "Pa"),
     "areal_density": ("", "kg/m²"), "thickness": ("", "m"), "damping": ("the loss factor", ""),
 }  # fmt: skip
-"""Keys of the file that are numbers of a material -> what they are, where their name does not say it, and their unit."""
+"""Keys of the file that are properties of a material -> their name in words ("" where the key is clear) and their unit."""
 STRONGEST = 1e4
-"""Gravity [m/s²] along an axis at most, as of `RecoverSettings.gravity`."""
+"""Largest gravity [m/s²] along an axis, as in `RecoverSettings.gravity`."""
 READ = ("x", "fps", "rho", "E", "nu", "yield_stress", "fixed", "gravity", "visible", "sigma", "covariance", "material")
-"""Keys of a file."""
+"""Keys that are read from a file."""
 SHEET_KEYS = ("faces", "areal_density", "thickness", "damping")
-"""Keys of a file whose points are the vertices of a sheet (`sheets`): `faces` says that they are."""
+"""Additional keys of a file whose points are the vertices of a sheet (`sheets`), which is one that has `faces`."""
 TRUTH = ("v", "acc", "name", "field", "wind", "force")
-"""What simulators write besides, for a comparison: velocities and forces are to be found."""
+"""Further keys that simulators write, for comparison. They are not read, as velocities and forces are to be recovered."""
 OTHER_NAMES = {
     **NUMBERS, "young_modulus": "E", "poissons_ratio": "nu", "pinned": "fixed", "held": "fixed", "frame_rate": "fps", "noise": "sigma",
 }  # fmt: skip
-"""What the same things are called elsewhere."""
+"""Other programs' names of keys -> the keys."""
 
 
 def values_of(path: str | os.PathLike[str], keys: tuple[str, ...] = READ) -> tuple[dict[str, np.ndarray], list[str]]:
-    """What the file holds of these keys, and a note on keys that nobody knows."""
+    """The file's arrays under these keys, and a note on unknown keys, if any. Raises UsageError if the file cannot be read."""
     if not Path(path).is_file():
         raise UsageError(f"There is no file {path}.", "Give an NPZ with x (T+1,N,3) in metres and fps.")
     try:
@@ -58,7 +58,7 @@ def values_of(path: str | os.PathLike[str], keys: tuple[str, ...] = READ) -> tup
 
 
 def _near(name: str, keys: tuple[str, ...]) -> str | None:
-    """The key in `keys` that `name` was perhaps meant to be."""
+    """The one of `keys` that `name` was probably meant to be; None if no key is similar."""
     known = {key.lower(): key for key in keys} | {other: key for other, key in OTHER_NAMES.items() if key in keys}
     close = difflib.get_close_matches(name.lower(), known, n=1)
     return known[close[0]] if close else None
@@ -85,7 +85,11 @@ def motion_of(values: dict[str, np.ndarray], path: str | os.PathLike[str]) -> tu
 
 
 def _visible(values: dict[str, np.ndarray], x: np.ndarray, path: str | os.PathLike[str]) -> np.ndarray:
-    """(T+1, N) which points of x (T+1, N, 3) count, all if the file does not say."""
+    """(T+1, N) bool: which points of x (T+1, N, 3) are visible; all of them if the file does not say.
+
+    Raises:
+        ObjectError: a point is not visible in frame 0, none is later, or a visible position is not finite.
+    """
     visible = flags_in(values.get("visible", np.ones(x.shape[:2], dtype=bool)), "visible", x.shape[:2], path)
     if not visible[0].all():
         hidden = np.flatnonzero(~visible[0])
@@ -106,7 +110,7 @@ def _visible(values: dict[str, np.ndarray], x: np.ndarray, path: str | os.PathLi
 
 
 def _check_places(x: np.ndarray, visible: np.ndarray, fps: float, path: str | os.PathLike[str]) -> None:
-    """Refuse visible positions x (T+1, N, 3) [m] beyond `FARTHEST`, and a body most of whose points move faster than `FASTEST`."""
+    """Refuse visible positions x (T+1, N, 3) [m] beyond `FARTHEST`, and a body of which most points move faster than `FASTEST`."""
     far = float(np.abs(x[visible]).max())
     if far > FARTHEST:
         raise UsageError(f"{path}: a position lies {in_units(far, 'm')} from the origin.", "Check the unit: metres.")
@@ -122,7 +126,7 @@ def _check_places(x: np.ndarray, visible: np.ndarray, fps: float, path: str | os
 
 
 def size_note(x: np.ndarray) -> list[str]:
-    """What to ask of points x (N, 3) [m] whose size suggests another unit. Of one point alone nobody knows."""
+    """A note on points x (N, 3) [m] whose extent suggests another unit. A single point has no extent to judge by."""
     size = float(np.ptp(x, axis=0).max())
     if len(x) == 1 or ACROSS[0] <= size <= ACROSS[1]:
         return []
@@ -133,7 +137,7 @@ def size_note(x: np.ndarray) -> list[str]:
 def gravity_of(
     values: dict[str, np.ndarray], given: Sequence[float] | None, path: str | os.PathLike[str]
 ) -> tuple[tuple[float, float, float], list[str]]:
-    """Gravity [m/s²]: the one given or, with None, the file's; and a note where neither says it."""
+    """Gravity (3,) [m/s²]: `given` or, if that is None, the file's; and a note if neither states it, in which case it is zero."""
     if given is not None:
         return (given[0], given[1], given[2]), []
     gravity = numbers_in(values.get("gravity", np.zeros(3)), "gravity", path)
@@ -147,7 +151,7 @@ def gravity_of(
 
 
 def flags_in(value: np.ndarray, key: str, shape: tuple[int, ...], path: str | os.PathLike[str]) -> np.ndarray:
-    """The array as bool; UsageError where it is none or of another shape."""
+    """The array as bool. Raises UsageError if it has another type or shape."""
     value = np.asarray(value)
     if value.shape != shape or value.dtype.kind not in "biu":
         raise UsageError(f"{path}: {key} is {value.dtype} of shape {value.shape}.", f"It must be {shape} of true and false.")
@@ -155,14 +159,14 @@ def flags_in(value: np.ndarray, key: str, shape: tuple[int, ...], path: str | os
 
 
 def numbers_in(value: np.ndarray, key: str, path: str | os.PathLike[str]) -> np.ndarray:
-    """The array in float64; UsageError where it holds no numbers."""
+    """The array as float64. Raises UsageError if it does not hold numbers."""
     if np.asarray(value).dtype.kind not in "fiu":
         raise UsageError(f"{path}: {key} holds {np.asarray(value).dtype}, not numbers.", "Write plain numbers in SI units.")
     return np.asarray(value, dtype=np.float64)
 
 
 def number_in(value: np.ndarray, key: str, path: str | os.PathLike[str]) -> float:
-    """The one finite number; UsageError where it is none."""
+    """The array's only number. Raises UsageError if it is not a single finite number."""
     numbers = numbers_in(value, key, path)
     if numbers.size != 1:
         raise UsageError(f"{path}: {key} is not one number but has shape {numbers.shape}.", "Give one number for the whole body.")
@@ -172,6 +176,6 @@ def number_in(value: np.ndarray, key: str, path: str | os.PathLike[str]) -> floa
 
 
 def as_stated(key: str, value: float, path: str | os.PathLike[str]) -> str:
-    """The sentence that says what the file has under a key of `MEANT`, in the file's own unit."""
+    """A sentence that states the file's value under a key of `MEANT`, in the file's own unit."""
     what, unit = MEANT[key]
     return f"{path}: {key}, {what}, is {value:g} {unit}".replace(", ,", "").rstrip() + "."

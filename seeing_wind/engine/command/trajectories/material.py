@@ -1,4 +1,4 @@
-"""The material of a body in a trajectory file: what the file says of it, what options say, and what is assumed."""
+"""The material of a body in a trajectory file: from the file, from options, and from assumptions where neither states it."""
 
 from __future__ import annotations
 
@@ -14,24 +14,25 @@ from ...records import Material
 from .file import NUMBERS, as_stated, number_in
 
 DENSITY, POISSON_RATIO = 300.0, 0.3
-"""Of a body whose file does not say [kg/m³]: those of foam. The stiffness is not guessed: forces that bend go with it."""
+"""Density [kg/m³] and Poisson's ratio of a body whose file does not state them: those of foam. Young's modulus has no such default, as
+forces that bend a body are proportional to it."""
 STAND_IN = 1e5
-"""Young's modulus [Pa] until an option's takes its place."""
+"""Placeholder for Young's modulus [Pa] until the one from an option replaces it."""
 UNIAXIAL = math.sqrt(1.5)
-"""Yield stress of `Material` over a file's."""
+"""Ratio of the yield stress in `Material` to that in a file."""
 KEYS = {**NUMBERS, "yield_stress": "yield_stress"}
 """Properties of `Material` -> keys of the file."""
 BEHAVIOURS = ("elastic", "elastoplastic")
-"""What simulators write as `material` and is no material: the law is that of `yield_stress`."""
+"""Words that simulators write as `material` but that are not materials; whether there is a `yield_stress` determines the law."""
 
 
 def material_of(
     values: dict[str, np.ndarray], preset: Material | None, properties: dict[str, Any], path: str | os.PathLike[str]
 ) -> tuple[Material, list[str]]:
-    """The material that options and file state, foam-like numbers for what both leave out, and notes on what is assumed or not used.
+    """The material that options and file state, with foam-like numbers for what both leave out, and notes on what is assumed or not used.
 
     Simulators that write such files (Genesis, taichi_elements) yield at a norm |dev tau| = Y of the deviatoric stress; the uniaxial
-    yield stress that `Material` and the literature speak of is sqrt(3/2) times that.
+    yield stress, which is used in `Material` and in the literature, is sqrt(3/2) times Y.
     """
     stated: dict[str, Any] = {name: number_in(values[key], key, path) for name, key in NUMBERS.items() if key in values}
     norm = number_in(values.get("yield_stress", np.zeros(())), "yield_stress", path)
@@ -70,7 +71,7 @@ def material_of(
 
 
 def _of_file(path: str | os.PathLike[str], material: Material, stated: dict[str, Any]) -> Material:
-    """The material with what the file states of it; MaterialError with the file's name, and its key for a number out of its range."""
+    """The material with the file's numbers. Raises MaterialError with the file's name and, for a number out of range, its key."""
     try:
         return adjust(material, **stated)
     except MaterialError as error:
@@ -82,10 +83,10 @@ def _of_file(path: str | os.PathLike[str], material: Material, stated: dict[str,
 
 
 def _library_material(values: dict[str, np.ndarray], path: str | os.PathLike[str]) -> Material | None:
-    """The library's material that the file names; None without a name, or with one of `BEHAVIOURS`.
+    """The library's material that the file names; None if it names none, or one of `BEHAVIOURS`.
 
     Raises:
-        MaterialError: a name that the library does not have.
+        MaterialError: the library does not have that name.
     """
     if "material" not in values:
         return None

@@ -29,13 +29,13 @@ if TYPE_CHECKING:
     from ...recovery.wind.sheet import SheetSeen
 
 READ = ("x", "fps", "E", "nu", "fixed", "gravity", "visible", "sigma", *SHEET_KEYS)
-"""Keys of a file."""
+"""Keys that are read from a file."""
 POISSON_RATIO = 0.3
-"""Of a file that does not say."""
+"""Poisson's ratio of a sheet whose file does not state it."""
 
 
 def is_sheet(path: str | os.PathLike[str]) -> bool:
-    """Whether a trajectory file says that its points are vertices. What is no such file is told by the one who reads it."""
+    """Whether the points of a trajectory file are the vertices of a sheet. A file that cannot be read is reported when it is read."""
     try:
         return Path(path).is_file() and "faces" in array_names(path)
     except (OSError, ValueError):
@@ -43,7 +43,7 @@ def is_sheet(path: str | os.PathLike[str]) -> bool:
 
 
 def recover_sheet(arguments: argparse.Namespace, progress: Progress) -> dict[str, Any]:
-    """`recover-trajectories TRUTH.npz --take DIR` of a sheet.
+    """`recover-trajectories TRUTH.npz --take DIR` for a sheet.
 
     Raises:
         UsageError, ObjectError, MaterialError, SimulationError: as `read_sheet` and `sheet_stage`.
@@ -88,16 +88,16 @@ def read_sheet(
     coordinate.
 
     Args:
-        material: a sheet of the library, in place of all that the file says of one.
-        gravity: [m/s²], in place of the file's.
-        properties: as of `materials.adjust`, in place of the file's; None leaves those.
+        material: a sheet of the library, which replaces all that the file states about the material.
+        gravity: [m/s²], replaces the file's.
+        properties: arguments of `materials.adjust`, which replace those of the file; None replaces nothing.
 
     Returns:
         The sheet as seen, gravity, and notes on what was assumed or not used.
 
     Raises:
-        UsageError: a key that is missing, of the wrong type or shape, or out of its bounds; a mesh that is none.
-        ObjectError: too few frames, vertices that are not seen or not finite, nothing that is free to move.
+        UsageError: a key is missing, out of bounds, or has the wrong type or shape; the faces are not those of a mesh.
+        ObjectError: too few frames, vertices that are not visible or not finite, or nothing that is free to move.
         MaterialError: numbers that no sheet has.
     """
     from ...recovery.wind.sheet import SheetSeen
@@ -122,7 +122,7 @@ def read_sheet(
 
 
 def _faces(value: np.ndarray, count: int, path: str | os.PathLike[str]) -> np.ndarray:
-    """(F, 3) of a mesh of `count` vertices."""
+    """Check and return the faces (F, 3) of a mesh of `count` vertices."""
     if value.ndim != 2 or value.shape[1:] != (3,) or not len(value) or value.dtype.kind not in "iu":
         raise UsageError(f"{path}: faces is {value.dtype} of shape {value.shape}.", "It must be triangles, (F,3) whole numbers.")
     faces = value.astype(np.int64)
@@ -138,7 +138,7 @@ def _faces(value: np.ndarray, count: int, path: str | os.PathLike[str]) -> np.nd
 def _sheet(
     values: dict[str, np.ndarray], material: Material | None, properties: dict[str, Any], path: str | os.PathLike[str]
 ) -> tuple[Sheet, list[str]]:
-    """What the file and the options say of the sheet, and notes on what is assumed or not used."""
+    """The sheet that the file and the options state, and notes on what is assumed or not used."""
     given = {name: value for name, value in properties.items() if value is not None}
     if given.get("law") in PLASTIC_LAWS or "yield_stress" in given or "viscosity" in given:
         raise UsageError("A sheet is elastic: it has no plastic law.", "Leave --law, --yield-stress and --viscosity out.")

@@ -1,4 +1,4 @@
-"""How far apart the particles of a body are, which its grid follows."""
+"""The spacing of a body's particles, from which the grid's cell size follows."""
 
 from __future__ import annotations
 
@@ -7,21 +7,23 @@ import numpy as np
 from ...errors import ObjectError
 
 ALONE = 0.01
-"""Metres, of a single particle."""
+"""Spacing [m] of a single particle."""
 EVEN = 1.25
-"""Times the distance of nearest neighbours that links of an evenly filled body are long, at most: 1.24 in files of another simulator."""
+"""Largest length of the links in an evenly filled body, relative to the distance of nearest neighbours: 1.24 in files of another
+simulator."""
 STRAYS = 0.02
-"""Share of the links that may be longer: of particles that lie apart."""
+"""Share of the links that may be longer, for particles that lie apart."""
 NEIGHBOURS = 24
-"""Of a particle, among which links are looked for at first."""
+"""Number of a particle's neighbours among which links are sought at first."""
 
 
 def particle_spacing(x: np.ndarray) -> float:
-    """Distance of neighbours [m] among particles x (N, 3): that of nearest ones, or more where particles lie closer one way than the
-    others, as the two layers of a plate do. A body whose particles are more than a cell of the grid apart would fall to pieces.
+    """Spacing [m] of particles x (N, 3) [m]: the distance of nearest neighbours, or more if particles are closer in one direction.
+
+    An example of the latter are the two layers of a plate: a body whose particles are more than a grid cell apart would fall to pieces.
 
     Raises:
-        ObjectError: when most particles coincide.
+        ObjectError: most particles coincide.
     """
     if len(x) == 1:
         return ALONE
@@ -32,14 +34,14 @@ def particle_spacing(x: np.ndarray) -> float:
 
 
 def nearest(x: np.ndarray) -> float:
-    """Median distance of nearest neighbours [m] among two particles x (N, 3) or more."""
+    """Median distance [m] of nearest neighbours among two or more particles x (N, 3) [m]."""
     from scipy.spatial import cKDTree
 
     return float(np.median(cKDTree(x).query(x, k=2)[0][:, 1]))
 
 
 def _link(x: np.ndarray) -> float:
-    """Length [m] of the longest of the shortest links by which particles x (N, 3) hang together, but for those of strays."""
+    """Length [m] of the longest edge of the minimum spanning tree of particles x (N, 3), leaving out a share `STRAYS` of the longest."""
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import minimum_spanning_tree
     from scipy.spatial import cKDTree
@@ -52,4 +54,4 @@ def _link(x: np.ndarray) -> float:
         links = minimum_spanning_tree(csr_array((away[:, 1:].ravel(), index[:, 1:].ravel(), begin), shape=(count, count))).data
         if each == count - 1 or len(links) >= (1.0 - STRAYS) * (count - 1):
             return float(np.quantile(links, 1.0 - STRAYS))
-        neighbours *= 2  # those so far are all of one's own layer
+        neighbours *= 2  # the neighbours so far are all in a particle's own layer

@@ -1,4 +1,4 @@
-"""Whether a simulation misses what was seen by so much that its force is of no use."""
+"""Whether a simulation is so far from the observations that its force is of no use."""
 
 from __future__ import annotations
 
@@ -17,12 +17,13 @@ from ..targets.tracks import TrackChannels
 from .remarks import DISTRUST, EXPLAINS_NOTHING, STILL, force_remarks, radius_of
 
 ASTRAY, ASTRAY_NOISE = 0.1, 10.0
-"""A simulation explains nothing that misses the points by more than the body's size, this share of their way, and so many deviations."""
+"""A simulation explains nothing if its residual exceeds all of these: the body's size, the first number times the points' largest
+displacement, and the second number times the deviation of the noise."""
 FAR = 0.05
-"""Median distance of tracks from the simulation, relative to the body's size, from which nobody should trust the force."""
+"""Median distance of the tracks from the simulation, relative to the body's size, above which the force should not be trusted."""
 UNEXPLAINED = 0.1
-"""Share of what no force at all would miss, from which nobody should trust the force that misses it. Filmed scenes that come back miss
-0 to 0.02, drafts of one iteration up to 0.09, plants whose held place was not marked or whose stiffness is wrong 0.11 to 0.34."""
+"""Residual, relative to that of a motion without any force, above which the force should not be trusted. It is 0 to 0.02 for filmed scenes
+that are recovered, up to 0.09 for drafts of one iteration, and 0.11 to 0.34 for plants with an unmarked clamp or a wrong stiffness."""
 
 
 def verdict(
@@ -33,14 +34,14 @@ def verdict(
     fall: np.ndarray | None = None,
     called: str = "The simulated body",
 ) -> list[str]:
-    """What to say of a motion x (T+1, N, 3) [m] that is so far off what was seen, by residual (T+1,), that its force is of no use.
+    """Notes on a motion x (T+1, N, 3) [m] whose `residual` (T+1,) [m or px] is so large that its force is of no use; none otherwise.
 
     Args:
-        fall: where the body goes without a force, see `fall_of`.
-        called: what moves so.
+        fall: the body's motion without a force, see `fall_of`.
+        called: the subject of the note's sentence, such as "The simulated body".
 
     Raises:
-        ObjectError: points in 3D that are not followed at all; with tracks the take is kept, to be looked at.
+        ObjectError: points in 3D are not followed at all. With tracks there is a note instead, so that the take is kept for inspection.
     """
     lost = astray(particles, channels, x, residual)
     if not lost:
@@ -53,10 +54,10 @@ def verdict(
 def fall_of(
     particles: Particles, acceleration: np.ndarray, x: np.ndarray, v0: np.ndarray, fps: float, gravity: Sequence[float]
 ) -> np.ndarray | None:
-    """The free fall (T+1, N, 3) [m] with which a motion x (T+1, N, 3) [m] from v0 (N, 3) [m/s] on is compared.
+    """The free fall (T+1, N, 3) [m] with initial velocity v0 (N, 3) [m/s], with which the motion x (T+1, N, 3) [m] is compared.
 
-    None for a held body, and for one whose acceleration (T, N, 3) [m/s²] hardly acts: then free fall is what was seen, and missing as
-    much as it does is no fault.
+    None for a held body, and for one whose acceleration (T, N, 3) [m/s²] hardly matters: what was seen then is a free fall, and a residual
+    as large as that of the free fall is no fault.
     """
     if particles.pinned.any() or force_remarks(acceleration, 1.0, x, fps, gravity):
         return None
@@ -64,15 +65,15 @@ def fall_of(
 
 
 def free_fall(start: np.ndarray, velocity: np.ndarray, gravity: Sequence[float], frames: int, fps: float) -> np.ndarray:
-    """(T+1, N, 3) [m]: where particles go from start (N, 3) with a common velocity (3,) [m/s] when only gravity acts on them."""
+    """Positions (T+1, N, 3) [m] of particles that start at `start` (N, 3) [m] with a common `velocity` (3,) [m/s], under gravity alone."""
     time = np.arange(frames + 1)[:, None] / fps
     return start + (velocity * time + 0.5 * np.asarray(gravity) * time**2)[:, None]
 
 
 def astray(particles: Particles, channels: Sequence[Channels], x: np.ndarray, residual: np.ndarray) -> str:
-    """What to say of a simulation x (T+1, N, 3) [m] whose residual (T+1,) is at some time larger than the body; "" if at none.
+    """The note on a simulation x (T+1, N, 3) [m] whose `residual` (T+1,) [m or px] exceeds the body's size in some frame; "" otherwise.
 
-    Nobody can use such a force: units, frame rate or the points' order are wrong, or the body jumps between two frames.
+    Such a force is of no use: units, frame rate or the points' order are wrong, or the body jumps between two frames.
     """
     first, worst = channels[0], int(residual.argmax())
     size, noise, unit = _size(particles, first, x)
@@ -92,12 +93,15 @@ def far_off(
     fall: np.ndarray | None = None,
     called: str = "The simulated body",
 ) -> list[str]:
-    """On a simulation x (T+1, N, 3) [m] that is off what was seen by residual (T+1,): most of the time by much of the body's size, in
-    pixels, or in half of its motion by much of what would be missed without a force, at rest or in free `fall` (T+1, N, 3) [m]."""
+    """Notes on a simulation x (T+1, N, 3) [m] that is far from the observations, by `residual` (T+1,) [m or px].
+
+    It is far if the median residual is a large part of the body's size (tracks only), or if, for half of the observed motion, the residual
+    is a large part of that of a motion without a force: at rest or in free `fall` (T+1, N, 3) [m].
+    """
     shown = residual[1:][residual[1:] > 0.0]
     size, noise, unit = _size(particles, channels[0], x)
     far, way = float(np.median(shown)) if len(shown) else 0.0, _way(channels[0])
-    if size == 0.0:  # of a body that is a point, `astray` says what there is to say
+    if size == 0.0:  # a body that is a point has no size to compare with; `astray` covers it
         return []
     if isinstance(channels[0], TrackChannels) and far > max(ASTRAY_NOISE * noise, FAR * size):
         much = f"{100.0 * far / size:.0f} % of its size"
@@ -114,8 +118,10 @@ def far_off(
 
 
 def _share_missed(channels: Sequence[Channels], x: np.ndarray, unforced: Sequence[np.ndarray]) -> float:
-    """What x (T+1, N, 3) misses beyond its errors, relative to what the best of the paths `unforced` misses: the median over points and
-    frames, which count by how far they moved. So neither what is held nor what was seen wrong tells of the rest."""
+    """Residual of x (T+1, N, 3) beyond the errors of the observations, relative to the residual of the best of the paths `unforced`.
+
+    It is the median over points and frames, weighted by the latter residual, so neither held points nor outliers dominate.
+    """
     missed = np.concatenate([_beyond(_distance(one, x), _errors(one, x)) for one in channels])
     paths = [np.concatenate([_distance(one, path) for one in channels]) for path in unforced]
     moved = min(paths, key=lambda path: float((path**2).sum()))
@@ -126,7 +132,8 @@ def _share_missed(channels: Sequence[Channels], x: np.ndarray, unforced: Sequenc
 
 
 def _distance(one: Channels, x: np.ndarray) -> np.ndarray:
-    """Distances of x (T+1, N, 3) from the points that were there in the first frame, in one row, in all frames in which they are seen."""
+    """Flat array of the distances [m or px] of x (T+1, N, 3) from the observed points: those visible in frame 0, in all later frames in
+    which they are visible."""
     distance = one.distance(x)[1:, one.targets.visible[0]]
     return distance[np.isfinite(distance)]
 
@@ -136,8 +143,11 @@ def _beyond(distance: np.ndarray, errors: float) -> np.ndarray:
 
 
 def _errors(one: Channels, x: np.ndarray) -> float:
-    """Distance, root mean square, that errors of what was seen explain, those of the first frame included, in which the body was built:
-    as stated; of points without such a statement, what the simulation x (T+1, N, 3) misses from frame to frame."""
+    """Root mean square distance [m or px] that the observations' errors explain, including those of frame 0, from which the body was built.
+
+    The errors are the stated ones; for points without stated errors they are estimated from how the residual of x (T+1, N, 3) changes from
+    frame to frame.
+    """
     if isinstance(one, TrackChannels):
         noise = float(np.median(one.targets.sigma[one.targets.visible]))
         return float(np.sqrt(2.0 * (2.0 * noise**2 + NOISE.track_white**2 + NOISE.track_slow**2)))
@@ -151,7 +161,7 @@ def _errors(one: Channels, x: np.ndarray) -> float:
 
 
 def _size(particles: Particles, first: Channels, x: np.ndarray) -> tuple[float, float, str]:
-    """Diameter of the body in the first frame of x (T+1, N, 3), noise of what was seen, and the unit of both."""
+    """The body's diameter in the first frame of x (T+1, N, 3), the noise of the observations (0 for points in 3D), and the unit of both."""
     if isinstance(first, TrackChannels):
         noise = float(np.median(first.targets.sigma[first.targets.visible]))
         return 2.0 * radius_of(first.camera.project(x[0])[0]), noise, "pixels"
@@ -159,7 +169,7 @@ def _size(particles: Particles, first: Channels, x: np.ndarray) -> tuple[float, 
 
 
 def _way(first: Channels) -> float:
-    """How far a point went at most from where it was in the first frame [px or m]."""
+    """Largest displacement of any point from where it was in the first frame [px or m]."""
     seen = first.targets.x if isinstance(first, PointChannels) else first.targets.xy
     visible = first.targets.visible
     return float(np.linalg.norm(np.where((visible & visible[0])[..., None], seen - seen[0], 0.0), axis=-1).max())

@@ -1,4 +1,4 @@
-"""How well the force is known: the posterior covariance of the solve, which comes free with it."""
+"""How well the force is known: the posterior deviation, from the covariance that the solve yields, and what that covariance leaves out."""
 
 from __future__ import annotations
 
@@ -10,24 +10,24 @@ from ..prior.basis import runs_of
 from ..solve.forward import Forward
 
 USUAL = 4.0
-"""What is missed in a frame is not noise when it is so many times the usual."""
+"""A frame's missing acceleration is not noise if it is more than this many times the usual one."""
 INDEPENDENT = 4.0
-"""Parts of a body whose points' noise is their own: the noise of their mean is that of a point over the root of this."""
+"""Number of parts of a body whose points have independent noise: the noise of the points' mean is that of one point over its root."""
 VARYING = 0.5
-"""Size of a force's variation over a body, relative to the force, where the clip shows none of it."""
+"""Standard deviation of a force's variation over a body, relative to the force, where the clip shows nothing of that variation."""
 SMOOTHED = 5
-"""Frames over which a sudden change is smoothed."""
+"""Number of frames over which the solve smooths a sudden change of the force."""
 
 
 def posterior_deviation(forward: Forward, covariance: np.ndarray) -> np.ndarray:
-    """Standard deviation of the acceleration on the particles, (T, N, 3) [m/s²].
+    """Standard deviation (T, N, 3) [m/s²] of the acceleration on the particles.
 
     Args:
-        forward: basis and hats.
+        forward: basis over the body and hat functions over time.
         covariance: (n, n) posterior covariance of the unknowns.
     """
     knots, modes, _ = forward.shape
-    nothing = np.zeros((3, modes, modes))  # where the air is still
+    nothing = np.zeros((3, modes, modes))  # for frames without an active knot, where the air is still
     field = covariance[: forward.size, : forward.size].reshape(knots, modes, 3, knots, modes, 3)
     of_components = np.einsum("kmilni->klimn", field)
     deviation = []
@@ -40,10 +40,11 @@ def posterior_deviation(forward: Forward, covariance: np.ndarray) -> np.ndarray:
 
 
 def missed_acceleration(targets: PointTargets, x: np.ndarray, fps: float) -> np.ndarray:
-    """Acceleration of the points' mean that the simulation x (T+1, N, 3) lacks in a frame beyond the usual, (T,) [m/s²].
+    """Acceleration (T,) [m/s²] of the points' mean that the simulation x (T+1, N, 3) [m] lacks; 0 where that is not far more than usual.
 
-    A force has knots, so one that changes suddenly is smoothed, of which the posterior, which takes knots for the truth, knows nothing.
-    The usual is the median, or what is expected of noise that the points do not share: a kick in a short clip is missed in all its frames.
+    A recovered force is linear between knots, so a sudden change is smoothed. The posterior takes the knots as exact and does not include
+    this error. The usual size is the median over frames or, if smaller, what the points' independent noise lets expect: in a short clip
+    with a kick, the acceleration may be missing in all frames.
     """
     count = targets.visible.sum(axis=1)
     missed = np.where(targets.visible[..., None], targets.x - targets.attachment.matrix(x.shape[1]) @ x, 0.0)
@@ -62,20 +63,21 @@ def missed_acceleration(targets: PointTargets, x: np.ndarray, fps: float) -> np.
 
 
 def unseen_variation(acceleration: np.ndarray) -> np.ndarray:
-    """Standard deviation (T, N, 3) [m/s²] of what a force on the particles (T, N, 3) varies by over a body that is seen as a point.
+    """Standard deviation (T, N, 3) [m/s²] of the variation of a force, `acceleration` (T, N, 3), over a body that is seen only as a point.
 
-    The posterior is that of a uniform force, as more could not be told: a plain sheet of which only the outline's middle is followed.
+    An example is a plain sheet of which only the middle of the outline is followed. The posterior is then that of a uniform force, as more
+    could not be determined.
     """
     size = np.sqrt((acceleration**2).mean(axis=(1, 2)))
     return np.broadcast_to(VARYING * size[:, None, None], acceleration.shape)
 
 
 def unseen_guess(acceleration: np.ndarray, shown: np.ndarray) -> np.ndarray:
-    """Standard deviation (T,) [m/s²] of one component of a force on the particles (T, N, 3) in frames of which nothing was seen.
+    """Standard deviation (T,) [m/s²] of one component of a force, `acceleration` (T, N, 3), in frames in which nothing was seen.
 
-    Where the body comes out again, its place and its velocity tell two numbers of the n + 1 forces that brought it through n such frames;
-    of the others nobody knows more than their size, and two forces of that size differ by the root of two times it. The posterior, whose
-    gusts have one length, believes more.
+    When the body reappears after n such frames, its position and velocity determine two combinations of the n + 1 forces that acted
+    meanwhile. Of the others only the size is known, and two independent forces of that size differ by sqrt(2) times it. The posterior,
+    whose prior has a single correlation time, is too certain here.
 
     Args:
         shown: (T+1,) bool, frames in which something is seen that a force moves; frame 0 is where the body begins.

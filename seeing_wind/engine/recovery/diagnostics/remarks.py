@@ -1,4 +1,4 @@
-"""Notes on what a clip does not show, or shows to be wrong."""
+"""Notes on what a clip does not show, and on what it contradicts."""
 
 from __future__ import annotations
 
@@ -16,44 +16,46 @@ from ..targets.points import PointChannels
 from ..targets.tracks import TrackChannels
 
 DISTRUST = "Do not use this field"
-"""In every note that says so."""
+"""Part of every note that calls a field useless."""
 EXPLAINS_NOTHING = "no force explains this motion"
-"""In the note of `astray`."""
+"""Part of the note of `missed.astray`."""
 SUDDEN, SUDDEN_WAY = 6.0, 1e-4
-"""Largest distance of points from the simulation, relative to the median and to how far they moved, from which there is a note."""
+"""There is a note if the largest residual exceeds both the first number times the median and the second times the largest displacement."""
 STILL = 0.02
-"""A body that is moved by less than this share of its radius hardly moves [m/m]."""
+"""A body hardly moves if its largest displacement is less than this share of its radius [m/m]."""
 COASTING = 0.01
-"""A force that moves a body less far than this share of its way, in the time of the clip, hardly acts on it."""
+"""A force hardly acts on a body if, in the time of the clip, it moves it by less than this share of its largest displacement."""
 REACTION = 0.1
-"""A mean force this near to the body's weight, relative to it, holds the body up."""
+"""A mean force holds the body up if it differs from the opposite of the weight by less than this share of the weight."""
 HELD = 0.9
-"""A track rides on what is held when so much of its weight does."""
+"""A track is on a held part if the pinned particles have more than this share of its attachment's weight."""
 TURNS = 0.1
-"""Degrees from which the turn of a clamp is worth a word."""
+"""Rotation of a clamp [degrees] from which it is mentioned."""
 LOOSE = 3.0
-"""Pixels by which half the tracks on what is held leave their place, from which there is a note."""
+"""Median distance [px] of the tracks on held parts from their places, from which there is a note."""
 
 
 def distrusted(notes: Sequence[str]) -> list[str]:
-    """Those of a recovery's notes that say that its field is of no use."""
+    """The notes of a recovery that call its field useless."""
     return [note for note in notes if DISTRUST in note]
 
 
 def worst_first(notes: Sequence[str]) -> list[str]:
-    """A recovery's notes: first those that make its field useless, then that nothing was held, then the others as they come."""
+    """A recovery's notes, sorted: first those that call its field useless, then that nothing was held, then the others as they were."""
     return sorted(notes, key=lambda note: 0 if DISTRUST in note or EXPLAINS_NOTHING in note else 1 if UNHELD in note else 2)
 
 
 def radius_of(x: np.ndarray) -> float:
-    """How far one of the points (N, 3) is at most from their middle."""
+    """Largest distance of one of the points x (N, 3) from their mean."""
     return float(np.linalg.norm(x - x.mean(axis=0), axis=1).max())
 
 
 def motion_remarks(particles: Particles, x: np.ndarray, residual: np.ndarray, views: int, errors: float = 0.0) -> list[str]:
-    """On a simulation x (T+1, N, 3) [m] that misses what was seen by residual (T+1,): [px] with views (how many), [m] without.
+    """Notes on a simulation x (T+1, N, 3) [m] and its `residual` (T+1,), in [px] for tracks and in [m] for points in 3D.
 
-    `errors` [m] of points in 3D, root mean square distance, as they were stated: what is missed by so much is explained.
+    Args:
+        views: number of views; 0 for points in 3D.
+        errors: stated errors of points in 3D, root mean square distance [m]; a residual of this size is explained by them.
     """
     notes = []
     moved = np.linalg.norm(x - x[0], axis=-1).max()
@@ -81,7 +83,7 @@ BORNE = (
 
 
 def force_remarks(acceleration: np.ndarray, density: float, x: np.ndarray, fps: float, gravity: Sequence[float]) -> list[str]:
-    """On an acceleration (T, N, 3) [m/s²], besides gravity [m/s²], that hardly matters to the motion x (T+1, N, 3) [m]."""
+    """Note on an acceleration (T, N, 3) [m/s²], in addition to gravity, that hardly matters to the motion x (T+1, N, 3) [m]."""
     size, way = float(np.sqrt((acceleration**2).sum(axis=-1).mean())), float(np.linalg.norm(x - x[0], axis=-1).max())
     duration = len(acceleration) / fps
     if not 0.5 * size * duration**2 < COASTING * way:
@@ -92,11 +94,10 @@ def force_remarks(acceleration: np.ndarray, density: float, x: np.ndarray, fps: 
 
 
 def reaction_remarks(particles: Particles, acceleration: np.ndarray, x: np.ndarray, gravity: Sequence[float]) -> list[str]:
-    """On a body that stays in its place though nothing was marked as held, and whose mean acceleration (T, N, 3) [m/s²] answers gravity.
+    """Note on a body that stays in place although nothing is marked as held, and whose mean `acceleration` (T, N, 3) [m/s²] undoes gravity.
 
-    Whether that is a support or a wind that blows upwards, the motion does not tell.
-
-    A body that glides also has its weight carried, by air, but leaves its place x (T+1, N, 3) [m] by more than its own radius.
+    The motion does not show whether a support or an upward wind holds it. A gliding body is also carried, by air, but there is no note on
+    it: it moves, along x (T+1, N, 3) [m], by more than its own radius.
     """
     down = np.asarray(gravity, dtype=np.float64)
     centre = x.mean(axis=1)
@@ -111,8 +112,12 @@ def reaction_remarks(particles: Particles, acceleration: np.ndarray, x: np.ndarr
 
 
 def unseen_remarks(used: np.ndarray, shown: np.ndarray) -> list[str]:
-    """On frames in which nothing was seen, or only what is held: by used (T+1, channels) and shown (T+1,) bool, see `Objective.shown`;
-    frame 0 is where the body begins."""
+    """Notes on frames in which nothing, or only a held part, was seen; frame 0 is where the body begins.
+
+    Args:
+        used: (T+1, channels) bool, the channels that are used in each frame.
+        shown: (T+1,) bool, see `Objective.shown`.
+    """
     notes = []
     for first, end in runs_of(~shown[1:]):
         seen = "Only what is held" if used[first + 1 : end + 1].any() else "Nothing"
@@ -124,7 +129,7 @@ def unseen_remarks(used: np.ndarray, shown: np.ndarray) -> list[str]:
 
 
 def wild_remarks(channels: Sequence[Channels]) -> list[str]:
-    """On points that were left out, as they do not move with the others."""
+    """Notes on points that were left out because they do not move with those around them."""
     astray = [one.wild for one in channels if isinstance(one, PointChannels) and one.wild.any()]
     return [
         f"{np.count_nonzero(wild.any(axis=0))} of {wild.shape[1]} points leave the motion of those round them in some frames "
@@ -134,7 +139,7 @@ def wild_remarks(channels: Sequence[Channels]) -> list[str]:
 
 
 def ringing_remarks(still: np.ndarray) -> list[str]:
-    """On frames (T,) bool in which the body was seen to swing by itself."""
+    """Notes on the frames, `still` (T,) bool, in which the body was found to swing freely."""
     return [
         f"From {frame_named(first)} to {frame_named(end - 1)} the object swings by itself, as nothing pushes it: no force was looked for "
         "there. --ringing ignored looks for one."
@@ -143,7 +148,7 @@ def ringing_remarks(still: np.ndarray) -> list[str]:
 
 
 def end_remarks(wild: np.ndarray) -> list[str]:
-    """On frames (T,) bool at the ends of a clip whose later frame counts little, as its tracks leave the motion of all others."""
+    """Notes on intervals at the ends of a clip, `wild` (T,) bool, whose later frame has little weight: its tracks do not fit all others."""
     notes = []
     for which, run in (("first", _leading(wild)), ("last", _leading(wild[::-1]))):
         first, last = (0, run - 1) if which == "first" else (len(wild) - run, len(wild) - 1)
@@ -162,13 +167,13 @@ def _leading(flags: np.ndarray) -> int:
 
 
 def moving_clamp_remark(motion: ClampMotion) -> str:
-    """On a clamp that was seen to move."""
+    """Note on a clamp that was seen to move."""
     turn = f" and turns by up to {motion.widest:.2g} degrees" if motion.widest >= TURNS else ""
     return f"What is held moves by up to {in_units(motion.largest, 'm', 2)}{turn}: that was taken for its own motion, not for a force."
 
 
 def wider_remarks(particles: Particles) -> list[str]:
-    """On a body whose thin parts are simulated thicker and softer than they are (`observe.object.shape.on_stem`)."""
+    """Note on a body whose thin parts are simulated thicker and softer than they are (`observe.object.shape.on_stem`)."""
     softest = 1.0 if particles.stiffness is None else float(np.max(particles.stiffness))
     if softest >= 1.0:
         return []
@@ -181,7 +186,7 @@ def wider_remarks(particles: Particles) -> list[str]:
 
 
 def held_remarks(particles: Particles, channels: Sequence[Channels]) -> list[str]:
-    """On tracks that leave what is said to be held."""
+    """Note on tracks that move although they are on parts marked as held."""
     farthest = 0.0
     for one in channels:
         if not isinstance(one, TrackChannels):

@@ -1,8 +1,8 @@
-"""The force as gradient descent sees it: parameters in, acceleration on the particles and its gradient out, one frame at a time.
+"""The force as a function that gradient descent optimises: from parameters to the particles' acceleration and its gradient, frame by frame.
 
-The three representations of the paper's Table 2. The paper gives no sizes: planes of 24 nodes and Adam at 1e-2 are those of the closest
-published work (PhysDreamer, Zhang et al. 2024, with two authors in common). Its decoder of three layers of 64 took twice the iterations
-to three times the error of one layer of 128, which is what the stored field has too.
+These are the three representations of the paper's Table 2. The paper gives no sizes: planes of 24 nodes per axis and a learning rate of
+1e-2 for Adam are those of the closest published work (PhysDreamer, Zhang et al. 2024, with two authors in common). Its decoder, with three
+layers of 64, took twice the iterations and ended at three times the error of one layer of 128, which is used here and in the stored field.
 """
 
 from __future__ import annotations
@@ -22,24 +22,24 @@ NODES = (24, 24, 24)
 FEATURES, WIDTH, HIDDEN = 32, 128, 1
 RATE = 1e-2
 POINT_RATE = 0.1
-"""Adam's rate for single vectors, which have no decoder to multiply a step."""
+"""Adam's learning rate for single vectors, which have no decoder to amplify a step."""
 SPACE_WEIGHT, TIME_WEIGHT = 1e-3, 1e-2
-"""lambda_1 and lambda_2 of Eq. (14), for a misfit that is one without any force."""
+"""lambda_1 and lambda_2 of Eq. (14), for a misfit scaled so that it is 1 without any force."""
 OFFSET = 0.25
-"""Step of the difference quotient for the field's gradient, in particle spacings."""
+"""Step of the finite differences for the field's gradient, in particle spacings."""
 
 
 class DescentField:
-    """A representation over the swept box, normalised, with the part of it that one frame may change."""
+    """A representation of the normalised force in the box of all motion, of which each frame may change a certain part."""
 
     rate = RATE
 
     def begin(self, frame: int, x: np.ndarray) -> None:
-        """Go on to `frame`, whose particles start at x (N, 3) [m]."""
+        """Move on to `frame`, at whose start the particles are at x (N, 3) [m]."""
         raise NotImplementedError
 
     def acceleration(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """(N, 3) [m/s²] and d a_i / d x_j (N, 3, 3) [1/s²] in the current frame, float64."""
+        """Acceleration a (N, 3) [m/s²] and its gradient d a_i / d x_j (N, 3, 3) [1/s²] in the current frame, float64."""
         raise NotImplementedError
 
     def roughness(self) -> torch.Tensor:
@@ -47,22 +47,22 @@ class DescentField:
         raise NotImplementedError
 
     def parameters(self) -> list[nn.Parameter]:
-        """What the current frame learns."""
+        """The parameters that the current frame optimises."""
         raise NotImplementedError
 
     def confine(self) -> None:
-        """After a backward sweep: forget derivatives by what belongs to other frames."""
+        """After a backward pass: drop the gradients of parameters that belong to other frames."""
 
 
 class PlaneField(DescentField):
     """The causal tri-plane or K-planes.
 
-    The planes and the decoder serve all frames and go on learning. Of the causal tri-plane's time encoder only the current frame's
-    weights learn: they start from those of the frame before (a step of zero), Eq. (3).
+    The planes and the decoder are shared by all frames and optimised in each. Of the causal tri-plane's time encoder only the current
+    frame's weights are optimised, starting from those of the frame before (a step of zero), Eq. (3).
     """
 
     def __init__(self, representation: str, frames: int, box: np.ndarray, spacing: float, scale: float) -> None:
-        """`box` (2, 3) [m] holds all motion; `scale` [m/s²] is the acceleration of a normalised force of one."""
+        """`box` (2, 3) [m] contains all motion; `scale` [m/s²] is the acceleration at a normalised force of 1."""
         options: dict[str, Any] = {"features": FEATURES, "width": WIDTH, "hidden": HIDDEN}
         causal = representation == "causal_triplane"
         self.module: NeuralModule = CausalTriPlane(frames, [NODES], **options) if causal else KPlanes(frames, NODES, **options)
@@ -92,10 +92,7 @@ class PlaneField(DescentField):
         return list(self.module.parameters())
 
     def confine(self) -> None:
-        """Between backward and step: of the time encoder only the current frame's weights learn (paper, Eq. (3)).
-
-        The gradients of all other frames' weights are dropped; the other representations have nothing to confine.
-        """
+        """Drop the gradients of all time-encoder weights but the current frame's (paper, Eq. (3)); K-planes are left as they are."""
         if not isinstance(self.module, CausalTriPlane):
             return
         time = self.module.time
@@ -110,20 +107,20 @@ class PlaneField(DescentField):
 
 
 def star(x: np.ndarray, step: float) -> np.ndarray:
-    """Points x (N, 3) [m] and those a step before and behind them along each axis, (7 N, 3), for `quotient`."""
+    """(7 N, 3) [m]: the points x (N, 3), then these shifted by +step and by -step [m] along each axis, for `quotient`."""
     offsets = step * np.concatenate([np.zeros((1, 3)), np.eye(3), -np.eye(3)])
     return (x[None] + offsets[:, None]).reshape(-1, 3)
 
 
 def quotient(values: torch.Tensor, step: float) -> tuple[torch.Tensor, torch.Tensor]:
-    """Values at the points of a `star` (7 N, 3) -> those at x (N, 3) and their gradient (N, 3, 3), d value_i / d x_j per metre."""
+    """From values (7 N, 3) at the points of a `star`: the values at x (N, 3) and their gradient d value_i / d x_j (N, 3, 3) [per metre]."""
     parts = values.view(7, -1, 3)
     slope = (parts[1:4] - parts[4:]) / (2.0 * step)
     return parts[0], slope.permute(1, 2, 0).contiguous()
 
 
 class PointFieldOfFrame(DescentField):
-    """One vector per particle and frame: nothing ties it to its neighbours or to the frame before."""
+    """One force vector per particle and frame, independent of its neighbours and of the frame before."""
 
     rate = POINT_RATE
 
@@ -145,7 +142,7 @@ class PointFieldOfFrame(DescentField):
 
 
 def descent_field(representation: str, frames: int, box: np.ndarray, spacing: float, scale: float) -> DescentField:
-    """causal_triplane, kplanes or point; arguments as for `PlaneField`."""
+    """The field for `representation` causal_triplane, kplanes or point; the other arguments are as for `PlaneField`."""
     if representation == "point":
         return PointFieldOfFrame(scale)
     return PlaneField(representation, frames, box, spacing, scale)

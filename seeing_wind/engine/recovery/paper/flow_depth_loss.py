@@ -1,7 +1,7 @@
-"""The dense scene-flow loss (the paper's Table 3, "Flow+Depth Loss"): every visible Gaussian must move as optical flow and depth say.
+"""The dense scene-flow loss (the paper's Table 3, "Flow+Depth Loss"): every visible Gaussian shall move as optical flow and depth imply.
 
-The paper takes depth from a pretrained network. There is none here: the depth of a frame is spread from the tracked points that were
-lifted to 3D (`Body.lifted`), which beats a monocular network on the bodies that this engine builds, so the baseline is not weakened.
+The paper takes depth from a pretrained network. Here a frame's depth is interpolated from the tracked points that were lifted to 3D
+(`Body.lifted`), which is more accurate than a monocular network on the bodies that this engine builds, so the baseline is not weakened.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from ...records import Attachment, Camera
 from .losses import Rider, project, smooth_length
 
 NEIGHBOURS = 8
-"""Lifted points from which the depth at a pixel is blended."""
+"""Number of lifted points from which the depth at a pixel is interpolated."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class SceneFlow:
     """Flow and depth of one camera's clip."""
 
     flow: Sequence[Callable[[np.ndarray], np.ndarray] | None]
-    """T functions: pixels (K, 2) in frame t -> how far they move (K, 2) [px]."""
+    """T functions: pixels (K, 2) in frame t -> their displacements (K, 2) [px] to frame t + 1; None where there is no flow."""
     masks: Masks
     """(T+1, H, W) bool, the object."""
     camera: Camera
@@ -38,14 +38,14 @@ class SceneFlow:
 
 
 class FlowDepthLoss:
-    """Mean distance between a surface point's simulated place and where flow and depth say it went.
+    """Mean distance between the surface points' simulated positions and those that flow and depth give.
 
     Args:
-        scene: what was seen.
+        scene: the observations.
         scale: distance [m] that the expected force moves the body by in a frame.
 
     Raises:
-        ObjectError: when no point was lifted, so no depth is known.
+        ObjectError: no point was lifted, so no depth is known.
     """
 
     def __init__(self, scene: SceneFlow, scale: float) -> None:
@@ -72,7 +72,10 @@ class FlowDepthLoss:
         return smooth_length(miss / self.scale).mean()
 
     def _targets(self, before: np.ndarray, frame: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Points to use (U,), pixels (U, 2) and depths (U,) [m] they should have; `before` (K, 3) is where they were one frame ago."""
+        """Indices (U,) of the points to use, and the pixels (U, 2) and depths (U,) [m] that they should have in `frame`.
+
+        `before` (K, 3) [m] are the points' positions in the frame before.
+        """
         camera, masks, flow = self.scene.camera, self.scene.masks, self.scene.flow[frame - 1]
         start, depth = camera.project(before, frame - 1)
         use = np.flatnonzero((depth > 0.0) & _inside(masks[frame - 1], start))
@@ -87,14 +90,14 @@ class FlowDepthLoss:
 
 
 def _inside(mask: np.ndarray, xy: np.ndarray) -> np.ndarray:
-    """(K,) bool: pixels (K, 2) on the mask."""
+    """(K,) bool: which of the pixels (K, 2) are on the mask."""
     column, row = np.round(np.where(np.isfinite(xy), xy, -1.0)).astype(int).T
     inside = (column >= 0) & (row >= 0) & (column < mask.shape[1]) & (row < mask.shape[0])
     return inside & mask[np.where(inside, row, 0), np.where(inside, column, 0)]
 
 
 def _blend(anchors: np.ndarray, values: np.ndarray, xy: np.ndarray) -> np.ndarray:
-    """Values (A,) at anchors (A, 2) spread to pixels (U, 2) by inverse squared distance."""
+    """Values (A,) at anchors (A, 2) [px], interpolated to pixels (U, 2) with inverse squared distances as weights."""
     count = min(NEIGHBOURS, len(anchors))
     distance, index = cKDTree(anchors).query(xy, k=count)
     weight = 1.0 / (distance.reshape(-1, count) ** 2 + 1.0)

@@ -1,6 +1,8 @@
-"""The photometric loss (the paper's Table 3, "Image Loss"): Gaussians carried by the simulated particles, rendered, against the clip.
+"""The photometric loss (the paper's Table 3, "Image Loss"): Gaussians carried by the simulated particles are rendered and compared with
+the clip.
 
-Rendering is the project's own differentiable splatting (`object/splatting`); derivatives reach positions and deformation gradients.
+Rendering is the project's own differentiable splatting (`look/splatting`); the loss has derivatives with respect to the particles'
+positions and deformation gradients.
 """
 
 from __future__ import annotations
@@ -19,13 +21,13 @@ from ...records import Camera, Gaussians
 from .losses import Rider
 
 PIXELS = 30_000
-"""A crop of more pixels is reduced by an integer factor."""
+"""A crop with more pixels than this is reduced by an integer factor."""
 MARGIN = 10
-"""Pixels round the silhouettes of an interval's two frames."""
+"""Margin [px] around the masks of an interval's two frames."""
 RENEW = 10
-"""The tiles' lists are made anew after this many calls: the Gaussians have moved on."""
+"""The lists of Gaussians per tile are rebuilt after this many calls, as the Gaussians have moved by then."""
 SMOOTH = 1.0 / 255.0
-"""Colour differences below this count as squares."""
+"""Below this, colour differences are smoothed to be quadratic."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +46,7 @@ class Filmed:
 
 @dataclass
 class _Target:
-    """What one frame is compared with, cut out and reduced."""
+    """What the rendering of one frame is compared with, cropped and reduced."""
 
     camera: Camera
     image: torch.Tensor
@@ -57,13 +59,13 @@ class _Target:
 
 
 class ImageLoss:
-    """Mean absolute colour difference |I - pi(G)| in a crop round the object, divided by how much the frame changed.
+    """Mean absolute colour difference |I - pi(G)| in a crop around the object, divided by that between the frame and the one before.
 
     Args:
         dtype: float32, or float64 to check derivatives.
 
     Raises:
-        ObjectError: for a clip in which the object is in no frame.
+        ObjectError: the object is not in the first frame.
     """
 
     def __init__(self, filmed: Filmed, dtype: torch.dtype = torch.float32) -> None:
@@ -93,7 +95,7 @@ class ImageLoss:
         return ((difference.square() + SMOOTH**2).sqrt() - SMOOTH).mean().double() / target.change
 
     def _target(self, frame: int) -> _Target:
-        """The part of `frame` in which the object is or was."""
+        """The part of `frame` that shows the object or showed it in the frame before."""
         p = self.filmed
         either = p.masks[frame] | p.masks[frame - 1]
         where = either if either.any() else p.masks[0]

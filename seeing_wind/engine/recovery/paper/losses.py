@@ -1,6 +1,6 @@
-"""How far a simulated frame is from the observed one, for torch to differentiate: the tracking objective, and what all objectives share.
+"""Differentiable distances (in torch) between a simulated and an observed frame: the tracking objective, and what all objectives share.
 
-Each loss is divided by what it would be without any force, so that the weights of Eq. (14) mean the same for all.
+Each loss is divided by about its value without any force, so that the weights of Eq. (14) mean the same for all.
 """
 
 from __future__ import annotations
@@ -18,23 +18,23 @@ from ..targets.tracks import edge_on
 Targets = PointTargets | Sequence[TrackTargets]
 
 SMOOTH = 0.1
-"""Distances below this share of the scale count as squares: |r| has no derivative at zero."""
+"""Below this share of the scale, distances are smoothed to be quadratic, as |r| has no derivative at zero."""
 
 
 class MotionLoss(Protocol):
     """L_motion of Eq. (14)."""
 
     def begin(self, x: np.ndarray, frame: int) -> None:
-        """From now on `frame` is compared; the particles x (N, 3) [m] are where they were found to be in the frame before."""
+        """Compare with `frame` from now on; x (N, 3) [m] are the particles' recovered positions in the frame before."""
 
     def __call__(self, x: torch.Tensor, F: torch.Tensor) -> torch.Tensor:
-        """Particles x (N, 3) [m] and F (N, 3, 3) -> a scalar, about one without any force."""
+        """The loss of particles at x (N, 3) [m] with deformation gradients F (N, 3, 3): a scalar, about 1 without any force."""
 
 
 class TrackingLoss:
-    """Mean distance of simulated and observed points, in 3D or in pixels (the paper's sparse tracking objective, Eq. (9)).
+    """Mean distance between simulated and observed points, in 3D or in pixels (the paper's sparse tracking objective, Eq. (9)).
 
-    Tracks are compared in the frame, not lifted to 3D as the paper does: a lift's errors along the view would be taken for force.
+    Tracks are compared in the image, not lifted to 3D as in the paper: errors of the lifted depth would be mistaken for a force.
 
     Args:
         scale: distance [m] that the expected force moves the body by in a frame.
@@ -76,7 +76,7 @@ class TrackingLoss:
         return torch.stack(parts).mean() if parts else 0.0 * x.sum()
 
     def distance(self, x: np.ndarray) -> np.ndarray:
-        """(T+1,) root mean square distance of a trajectory (T+1, N, 3) in [m] for points, [px] for tracks; 0 where nothing was seen."""
+        """(T+1,) root mean square distance of a trajectory x (T+1, N, 3) [m] from points [m] or tracks [px]; 0 where nothing was seen."""
         squares, count = np.zeros(len(x)), np.zeros(len(x))
         for one, visible in zip(self.sources, self.visible, strict=True):
             for t in range(len(x)):
@@ -89,21 +89,21 @@ class TrackingLoss:
 
 
 class Rider:
-    """An attachment for torch."""
+    """An `Attachment` as torch tensors."""
 
     def __init__(self, attachment: Attachment) -> None:
         self.index = torch.from_numpy(np.asarray(attachment.index, np.int64))
         self.weight = torch.from_numpy(np.asarray(attachment.weight, np.float64))
 
     def follow(self, values: torch.Tensor, some: np.ndarray | None = None) -> torch.Tensor:
-        """Particle values (N, ...) -> those of the attached points (K, ...), or of `some` of them."""
+        """Interpolate particle values (N, ...) to the attached points (K, ...), or to `some` of these (indices)."""
         rows = slice(None) if some is None else torch.from_numpy(some)
         index, weight = self.index[rows], self.weight[rows].to(values.dtype)
         return torch.einsum("kj,kj...->k...", weight, values[index])
 
 
 def project(points: torch.Tensor, camera: Camera, frame: int) -> tuple[torch.Tensor, torch.Tensor]:
-    """World points (K, 3) -> pixels (K, 2) and depths (K,) [m]; see `Camera.project`. Points behind the camera are held in front."""
+    """World points (K, 3) [m] -> pixels (K, 2) and depths (K,) [m], at least 1 mm even behind the camera; see `Camera.project`."""
     pose = torch.from_numpy(np.ascontiguousarray(camera.pose(frame), dtype=np.float64)).to(points.dtype)
     local = (points - pose[:3, 3]) @ pose[:3, :3]
     depth = local[:, 2].clamp_min(1e-3)
@@ -111,5 +111,5 @@ def project(points: torch.Tensor, camera: Camera, frame: int) -> tuple[torch.Ten
 
 
 def smooth_length(vectors: torch.Tensor) -> torch.Tensor:
-    """(K, c) -> (K,) lengths, differentiable at zero."""
+    """Lengths (K,) of vectors (K, c), smoothed so that they are differentiable at zero."""
     return (vectors.square().sum(dim=-1) + SMOOTH**2).sqrt() - SMOOTH

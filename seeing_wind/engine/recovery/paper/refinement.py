@@ -1,10 +1,10 @@
-"""The stored field refined through the differentiable simulator, all frames and all its parameters at once.
+"""Refinement of the stored field through the differentiable simulator, over all frames and all its parameters at once.
 
     minimise  |x(f) - x*|² / s²  +  A |f - f*|² / |f*|²  +  lambda_1 L_space  +  lambda_2 L_time          after Eq. (14)
 
-x* is the motion and f* the force that were solved for. Distilling fits f alone, point by point, and what it misses adds up as the body
-moves on: here the representation is judged by where it takes the body. The tracks are not asked again; whatever of their noise the solve
-took out stays out.
+x* is the recovered motion and f* the recovered force. Distillation fits only the force, point by point, and its errors accumulate as the
+body moves on; here the field is fitted by where it takes the body. The tracks are not used again, so noise that the solve removed stays
+removed.
 """
 
 from __future__ import annotations
@@ -34,16 +34,16 @@ from ...settings import RecoverSettings
 from .field import OFFSET, quotient, star
 
 STRAY = 1e-3
-"""s: distance that counts as one, relative to the root mean square distance that the body travels."""
+"""s: unit of distance in the loss, relative to the root mean square distance that the body travels."""
 ANCHOR = 1e5
-"""A: a force that is off by a hundredth costs as much as a body that is off by 3 s all the way; with less, forces that cancel each other
-along the way creep in."""
+"""A: an error of 1 % in the force costs as much as a body that is 3 s away in all frames; with a smaller weight, forces that cancel each
+other along the way creep in."""
 SPACE_WEIGHT, TIME_WEIGHT = 1e-3, 1e-5
 """lambda_1 and lambda_2, those of the distillation."""
 WEAK = 0.1
-"""Errors of the force count relative to it plus this part of its root mean square."""
+"""Squared errors of the force are divided by its square plus the mean square times the square of this."""
 SEGMENT = 16
-"""Frames after which derivatives are cut (truncated back-propagation through time, Williams and Peng 1990): bounds the memory."""
+"""Frames after which derivatives are cut, to limit memory (truncated back-propagation through time, Williams and Peng 1990)."""
 MEMORY = 20
 """Steps that L-BFGS remembers."""
 
@@ -52,7 +52,10 @@ State = tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]
 
 @dataclass(frozen=True)
 class Refined:
-    """A field and how far its own simulation strays from the recovered motion, root mean square over particles and frames [m]."""
+    """A field, and how far [m] a simulation in it strays from the recovered motion, before and after the refinement.
+
+    Distances are root mean squares over particles and frames.
+    """
 
     field: ForceField
     before: float
@@ -68,11 +71,12 @@ def refine(
     progress: Progress,
     journal: Journal = Journal(),
 ) -> Refined:
-    """At most `settings.refine` steps of L-BFGS from a distilled field; the field as it was where they bring nothing.
+    """Refine a distilled field with at most `settings.refine` iterations of L-BFGS; it is returned as it was if they do not improve it.
 
     Args:
         field: distilled from `recovery`; point forces have nothing to refine.
-        particles, material: the body as it was recovered, the material as given.
+        particles: the body of the recovery.
+        material: as given; the stiffness that the recovery found, if any, takes the place of its own.
     """
     if not isinstance(field, ForceFieldNeural):
         progress.warn("The field was not refined: point forces are those that were solved for.")
@@ -98,27 +102,27 @@ class _Loss:
     stray: float
     """Distance [m]."""
     derivatives: np.ndarray
-    """By all parameters, one after the other."""
+    """With respect to all parameters, concatenated."""
 
 
 @dataclass(frozen=True)
 class _Segment:
-    """What a segment of frames adds to the loss."""
+    """The contribution of a segment of frames to the loss."""
 
     loss: float
     squares: float
-    """Sum over its frames of the mean square distance [m²]."""
+    """Sum over the segment's frames of the mean square distance [m²]."""
     x: np.ndarray
     v: np.ndarray
     C: np.ndarray
     F: np.ndarray
-    """At its end."""
+    """x, v, C and F are the particles' state at the segment's end."""
     derivatives: np.ndarray
-    """By all parameters, those of the segments before added."""
+    """With respect to all parameters, summed over this segment and those before."""
 
 
 class _Run:
-    """One refinement on its way."""
+    """One refinement in progress."""
 
     def __init__(
         self,
@@ -148,7 +152,7 @@ class _Run:
         self.start: State = (self.path[0], torch.from_numpy(np.array(recovery.v0, np.float64)), torch.zeros_like(rest), rest)
 
     def descend(self, steps: int, progress: Progress) -> tuple[float, float]:
-        """Leaves the best parameters in the module. Returns how far the body strayed before and after [m]."""
+        """Optimise, and leave the best parameters in the module. Returns how far [m] the body strays before and after."""
         parameters = list(self.module.parameters())
         optimiser = LBFGS(parameters, max_iter=steps, history_size=MEMORY, line_search_fn="strong_wolfe")
         loss, stray = self.backward(progress, "refining the field")
@@ -175,7 +179,7 @@ class _Run:
         return before, after
 
     def backward(self, progress: Progress, what: str, done: float = 0.0) -> tuple[float, float]:
-        """The loss, its derivatives in the parameters', and the distance by which the body strays [m]."""
+        """The loss and the distance [m] by which the body strays; the loss's derivatives are left in the parameters' `grad`."""
         found = self.journal.once("loss", _Loss, partial(self._loss, progress, what, done), self._parameters())
         self._derive(found.derivatives)
         return found.value, found.stray
@@ -215,15 +219,15 @@ class _Run:
         return torch.cat([one.grad.reshape(-1) for one in self.module.parameters() if one.grad is not None]).numpy().copy()
 
     def _derive(self, values: np.ndarray) -> None:
-        """Put the derivatives of all parameters, one after the other, where torch keeps them."""
+        """Set the parameters' `grad` from their concatenated derivatives."""
         for one, part in in_parts(values, self.module.parameters()):
             one.grad = part.clone()
 
     def _frames(self, segment: range, state: State, progress: Progress) -> Iterator[tuple[int, torch.Tensor, State]]:
-        """Frame, acceleration (N, 3) on the recovered path, and state at its end, for the frames of a segment one after the other."""
+        """For each frame of a segment: its number, the acceleration (N, 3) [m/s²] on the recovered path, and the state at its end."""
         for t in segment:
             acceleration, gradient = self._field(t)
-            # What the field does beside the path it was solved on; the body strays too little for more than the first order.
+            # The field beside the recovered path, to first order: the body strays too little for more.
             felt = acceleration + torch.einsum("nij,nj->ni", gradient, state[0] - self.path[t])
             x, v, C, F = simulate(
                 self.model, state[0], state[1], felt[None], gradient[None], C0=state[2], F0=state[3], first_frame=t, progress=progress

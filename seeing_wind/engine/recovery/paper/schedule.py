@@ -2,10 +2,11 @@
 
     L = L_motion + lambda_1 L_space + lambda_2 L_time        Eq. (14), minimised by Adam over one frame's force, then the next
 
-The state at a frame's end is handed on detached, the time encoder starts from the frame before, the planes and the decoder go on
-learning. It stands beside the default solve for comparison: fitting one frame at a time leaves a velocity error that the next frame
-undoes with the opposite sign, and stiff strain converges slowly. What differs from the paper: the initial velocity is estimated
-(`descent_start`), tracks are compared in pixels, and the field's gradient acts on the particles as everywhere in this engine.
+Each frame starts from the detached state at the end of the frame before; the time encoder starts from that frame's weights; the planes and
+the decoder are optimised further in every frame. The scheme is here for comparison with the default solve: fitting one frame at a time
+leaves a velocity error that the next frame undoes with the opposite sign, and stiff strain converges slowly. It differs from the paper in
+this: the initial velocity is estimated (`start.first_look`), tracks are compared in pixels, and the field's gradient acts on the particles,
+as everywhere in this engine.
 """
 
 from __future__ import annotations
@@ -40,18 +41,18 @@ from .start import first_look
 
 GRADIENT_CLIP = 1.0
 RATE_FLOOR = 0.05
-"""The rate falls along a cosine to this share of itself within a frame."""
+"""Within a frame the learning rate falls along a cosine to this share of its initial value."""
 FOUND = 0.001
-"""A frame is done when the misfit, one without any force, is below this."""
+"""A frame is done when the misfit, scaled to be 1 without any force, is below this."""
 PATIENCE = 25
-"""Iterations without a new best misfit after which a frame is given up."""
+"""Iterations without a new best misfit after which a frame ends."""
 
 State = tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]
 
 
 @dataclass(frozen=True)
 class _Frame:
-    """The best that was found for one frame."""
+    """The best solution found for one frame."""
 
     misfit: float
     acceleration: np.ndarray
@@ -59,13 +60,13 @@ class _Frame:
     v: np.ndarray
     C: np.ndarray
     F: np.ndarray
-    """At its end."""
+    """x, v, C and F are the particles' state at the end of the frame."""
     weights: np.ndarray
-    """All parameters one after the other."""
+    """All parameters, concatenated."""
     at: int
-    """Iteration that found it,"""
+    """The iteration that found it."""
     iterations: int = 0
-    """and how many there were."""
+    """Number of iterations made for the frame."""
 
 
 def recover_by_descent(
@@ -81,13 +82,13 @@ def recover_by_descent(
     """Find the force frame by frame; arguments and result as for `recover`.
 
     Args:
-        targets: points or tracks; with a `loss` of another kind they give only the start and the residual.
-        settings: `representation` is what is optimised, `frame_iterations` bounds a frame.
-        loss: makes the motion loss from the distance [m] that the expected force moves the body by in a frame; None is tracking.
+        targets: points or tracks; if `loss` is given, they are used only for the start and the residual.
+        settings: `representation` is what is optimised, `frame_iterations` limits the iterations per frame.
+        loss: makes the motion loss, given the distance [m] that the expected force moves the body by in a frame; None for `TrackingLoss`.
 
     Returns:
-        The forces that moved the simulation. The deviation is an estimate from the residual and from how the force alternates between
-        frames, as there is no posterior here. The outcome is `converged` when every frame reached its tolerance.
+        The forces that moved the simulation. As there is no posterior here, the deviation is estimated from the residual and from how the
+        force alternates between frames. The outcome is `converged` if every frame reached its tolerance.
 
     Raises:
         UsageError, ObjectError, SimulationError, Cancelled: as `recover`.
@@ -144,7 +145,7 @@ def recover_by_descent(
 
 
 class _Descent:
-    """The optimisation on its way through the clip."""
+    """The optimisation, frame by frame through the clip, and the results so far."""
 
     def __init__(
         self, model: Model, field: DescentField, loss: MotionLoss, limit: int, frames: int, progress: Progress, journal: Journal
@@ -158,7 +159,7 @@ class _Descent:
         self.misfits: list[float] = []
 
     def frame(self, t: int, state: State) -> State:
-        """Optimise frame `t` from its start and keep the best force; returns the state at its end, detached."""
+        """Optimise frame `t` from the state at its start and keep the best force; returns the detached state at its end."""
         self.field.begin(t, state[0].numpy())
         self.loss.begin(state[0].numpy(), t + 1)
         best = self.journal.once("frame", _Frame, partial(self._best, t, state), t)
@@ -173,7 +174,7 @@ class _Descent:
         return tuple(torch.from_numpy(part) for part in (best.x, best.v, best.C, best.F))  # type: ignore[return-value]
 
     def _best(self, t: int, state: State) -> _Frame:
-        """The best of frame `t` that descent finds; leaves the field where it ended."""
+        """The best solution that descent finds for frame `t`; the field is left with the parameters of the last iteration."""
         parameters = self.field.parameters()
         optimiser = Adam(parameters, lr=self.field.rate)
         decay = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, self.limit, eta_min=RATE_FLOOR * self.field.rate)
@@ -190,7 +191,7 @@ class _Descent:
             except SimulationError:
                 if best is None:
                     raise
-                break  # the last step went too far; what was found before it stands
+                break  # the last optimiser step went too far; the best solution before it is kept
             value = float(misfit.detach())
             if best is None or value < best.misfit:
                 x, v, C, F = (part.numpy() for part in end)
@@ -211,7 +212,7 @@ class _Descent:
         return replace(best, iterations=steps)
 
     def _run(self, state: State) -> tuple[torch.Tensor, np.ndarray, State]:
-        """One frame under the field as it is: misfit, acceleration (N, 3), state at its end."""
+        """Simulate one frame with the field's current parameters: misfit, acceleration (N, 3) [m/s²], state at the frame's end."""
         acceleration, gradient = self.field.acceleration()
         x0, v0, C0, F0 = state
         x, v, C, F = simulate(self.model, x0, v0, acceleration[None], gradient[None], C0=C0, F0=F0, progress=self.progress)
@@ -228,10 +229,11 @@ def _weights(parameters: list[torch.nn.Parameter]) -> np.ndarray:
 
 
 def deviation(acceleration: np.ndarray, residual: np.ndarray, fps: float) -> np.ndarray:
-    """(T, N, 3) standard deviation of the acceleration [m/s²], estimated, the same in all directions.
+    """Estimated standard deviation (T, N, 3) [m/s²] of `acceleration` (T, N, 3), the same in all directions.
 
-    Two parts: the acceleration that a frame's residual (T+1,) [m] stands for, 2 r / dt²; and the part of the force that alternates from
-    frame to frame, which no wind does and matching single frames leaves behind: its second difference in time, sd times sqrt(6).
+    It has two parts: the acceleration that corresponds to a frame's `residual` r (T+1,) [m], 2 r / dt²; and the part of the force that
+    alternates from frame to frame, which no wind does but a frame-by-frame fit leaves behind. The latter is estimated from second
+    differences in time, whose standard deviation is sqrt(6) times that of independent errors.
     """
     alternating = np.zeros(acceleration.shape[:2])
     if len(acceleration) > 2:

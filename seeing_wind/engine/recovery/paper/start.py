@@ -1,4 +1,4 @@
-"""What gradient descent starts from: where the body goes, how fast it starts, how strong a force to expect."""
+"""What gradient descent starts from: the box of all motion, the initial velocity, and the size of force to expect."""
 
 from __future__ import annotations
 
@@ -12,32 +12,32 @@ from ..targets.channels import second_derivative
 from .losses import Targets
 
 FIRST = 8
-"""Frames from which the initial velocity is read."""
+"""Number of frames from which the initial velocity is estimated."""
 DOUBT = 0.25
-"""Squared disagreement of two fits to the initial velocity, relative to its square, above which it is taken for zero."""
+"""Squared difference of two estimates of the initial velocity, relative to its square, above which the velocity is taken to be zero."""
 MARGIN = 0.25
-"""Of the body's radius, round the swept volume."""
+"""Margin around the box of all motion, relative to the body's radius."""
 
 
 @dataclass(frozen=True)
 class Start:
-    """A first look at the targets."""
+    """What a first look at the targets gives."""
 
     box: np.ndarray
-    """(2, 3) round everything that moved [m]."""
+    """(2, 3) [m], lower and upper corner, contains all motion."""
     acceleration: float
-    """Root mean square size of the force over density to expect [m/s²]."""
+    """Expected root mean square of force over density [m/s²]."""
     velocity: np.ndarray
-    """(N, 3) [m/s] in frame 0."""
+    """(N, 3) [m/s], the particles' velocity in frame 0."""
     spin: np.ndarray
-    """(N, 3, 3) its gradient, the affine velocity [1/s]."""
+    """(N, 3, 3) [1/s], the gradient of that velocity: the affine velocity C."""
 
 
 def first_look(particles: Particles, targets: Targets, fps: float, gravity: np.ndarray) -> Start:
-    """Read box, size and initial velocity off the targets.
+    """Estimate the box, the size of the force and the initial velocity from the targets; gravity (3,) [m/s²].
 
-    The paper starts every body at rest. A clip that begins in motion would then alternate in force from frame to frame (the error of one
-    frame's velocity is undone in the next), so a free body's uniform motion and spin are estimated; a held one starts at rest.
+    The paper starts every body at rest. For a clip that begins in motion, the force would then alternate from frame to frame (each frame
+    undoes the velocity error of the one before), so a free body's uniform motion and spin are estimated; a held body starts at rest.
     """
     x = particles.x
     radius = float(np.linalg.norm(x - x.mean(axis=0), axis=1).max()) or particles.spacing
@@ -71,9 +71,10 @@ def first_look(particles: Particles, targets: Targets, fps: float, gravity: np.n
 
 
 def _velocity(rows: np.ndarray, series: np.ndarray, fps: float) -> np.ndarray:
-    """(6,) speeds of the rigid motions whose rows (M, 6) explain the first slopes of series (frames, M); none where fits disagree.
+    """(6,) amplitudes of the rigid motions, `rows` (M, 6), that best explain the initial slopes of `series` (frames, M).
 
-    A parabola is biased by forces that change, a cubic amplifies noise: a body whose speed they do not agree on starts at rest.
+    The slopes are those of a fitted parabola, which a changing force biases, and of a cubic, which amplifies noise. Where the two disagree,
+    or there are too few frames or no series, the result is zero: the body starts at rest.
     """
     if len(series) < 5 or not series.shape[1]:
         return np.zeros(6)

@@ -1,14 +1,14 @@
-"""How far errors of a filmed sheet's path weaken the wind that fits it, and the factor on the forces that makes up for it.
+"""How much errors in a filmed sheet's path weaken the fitted wind, and the factor on the forces that corrects for it.
 
 On a path x + e with errors e, the forces of the air are F(x + e). They differ from the true F(x) by errors that hardly correlate with F(x),
-since normals and velocities are wrong either way. A least-squares fit of forces with such errors is attenuated: it finds too weak a wind
-(errors in variables). With the reliability ratio (Fuller 1987, Measurement Error Models, section 1.1)
+since normals and velocities are wrong in either direction. A least-squares fit of forces with such errors is attenuated: the wind comes out
+too weak (errors in variables). With the reliability ratio (Fuller 1987, Measurement Error Models, section 1.1)
 
     lambda = F² / (F² + E (F(x + e) - F(x))²)
 
 the expected true force is lambda F(x + e) (regression calibration: Carroll et al. 2006, Measurement Error in Nonlinear Models, chapter 4),
-and that is what the balance of forces is compared with. The ratio is measured by drawing errors about the path that was followed. As the
-forces on that path contain its errors already, they make F² too large, and the correction is a little too small.
+and the balance of forces is compared with that. The ratio is estimated by adding random errors to the followed path. As the forces on that
+path already contain its own errors, F² is overestimated, and the correction is a little too small.
 """
 
 from __future__ import annotations
@@ -23,14 +23,17 @@ from .observed import Observed
 from .problem import SheetProblem
 
 LASTS = 2.3
-"""Correlation length [frames] of the errors of a followed path, with Matern's kernel 3/2: 0.83, 0.56, 0.34 and 0.20 over 1 to 4 frames.
-Means over five filmed flags and three falling sheets: 0.79, 0.54, 0.35 and 0.23 (docs/notebook/wind.md)."""
+"""Correlation length [frames] of the errors of a followed path, for a Matern 3/2 kernel: correlations of 0.83, 0.56, 0.34 and 0.20 at lags
+of 1 to 4 frames. Measured means over five filmed flags and three falling sheets: 0.79, 0.54, 0.35 and 0.23 (docs/notebook/wind.md)."""
 DRAWS = 4
-"""Errors drawn, each with both signs."""
+"""Number of random errors of the path; each is used with both signs."""
 
 
 def reliability_of(problem: SheetProblem, theta: np.ndarray, seen: Observed) -> float:
-    """lambda at theta (n,), between 0 and 1; 1 for points in 3D, whose errors are small, and for a force that the path does not affect."""
+    """Reliability ratio lambda at the unknowns theta (n,), between 0 and 1.
+
+    It is 1 for points in 3D, whose errors are small, and for forces that do not depend on the path.
+    """
     if seen.measured is None:
         return 1.0
     forces = problem.forces_on(problem.balance.at, theta)
@@ -45,10 +48,10 @@ def reliability_of(problem: SheetProblem, theta: np.ndarray, seen: Observed) -> 
 
 
 def _path_errors(measured: Measured, random: np.random.Generator) -> np.ndarray:
-    """Errors (`DRAWS`, T+1, V, 3) [m] of a path, as each frame states them, but lasting.
+    """Random errors (`DRAWS`, T+1, V, 3) [m] of a path, with each frame's stated covariance, but correlated in time.
 
     The factor on the stated errors is learnt from second differences in time (`balance`), as if errors were independent from frame to
-    frame. Those that last are larger for the same second differences.
+    frame. Errors that are correlated in time have to be larger to give the same second differences.
     """
     count, modes = len(measured.x), measured.modes.shape[1]
     lag = np.sqrt(3.0) * np.abs(np.subtract.outer(np.arange(count), np.arange(count))) / LASTS

@@ -1,7 +1,7 @@
-"""The stages *recover* and *wind* of a sheet that was seen in 3D, both in one solve -> the files that any body's take has.
+"""The stages *recover* and *wind* for a sheet seen in 3D, done in one solve; they leave the same files in the take as for any other body.
 
-`trajectory.npz` has the simulation that followed the sheet, of a clip what was seen, with the force that it felt; `field.safetensors` that
-force per volume of the sheet, `wind.safetensors` and `wind.json` the wind.
+`trajectory.npz` holds the motion and the force on the sheet: the motion is that of the simulation that followed the sheet or, for a clip,
+the one that was seen. `field.safetensors` holds the force per volume of the sheet, `wind.safetensors` and `wind.json` the wind.
 """
 
 from __future__ import annotations
@@ -38,10 +38,10 @@ from .observed import Observed, observe_sheet
 VERSION = 7
 """Part of the stamp: raise it when the results change."""
 UNTOLD, FELT = 0.4, 0.5
-"""Deviation of a wind from which the sheet does not tell it: relative to the wind's size and in m/s, as what falls through calm air tells
-that it is calm; and"""
+"""A sheet does not determine the wind if the wind's deviation exceeds both of these: the first is relative to the wind's speed, the second
+is in m/s. (A sheet that falls through calm air does show that the air is calm, although the relative deviation is then large.)"""
 DOUBTFUL = 0.2
-"""from which a note says how little it does."""
+"""Relative deviation of the wind from which a note states how uncertain it is."""
 
 
 @dataclass(frozen=True)
@@ -59,14 +59,14 @@ class SheetSeen:
     sigma: float | np.ndarray | None = None
     """Noise of x [m], one number or (T+1, V); None to measure it."""
     measured: Measured | None = None
-    """What each frame of a clip says by itself."""
+    """What was measured in each frame of a clip by itself; None for points in 3D."""
     targets: Sequence[TrackTargets] = ()
-    """The tracks that x comes from, if it does: then they are what the residual is of [px]."""
+    """The tracks that x was estimated from, if any: the residual is then that of the tracks [px], not that of x [m]."""
 
 
 @dataclass(frozen=True)
 class SheetFound:
-    """What the stage leaves."""
+    """Results of the stage."""
 
     recovery: Recovery
     particles: Particles
@@ -80,16 +80,16 @@ class SheetFound:
 def sheet_stage(
     take: Take, source: SheetSeen, upstream: str, settings: RecoverSettings, blown: WindSettings, progress: Progress
 ) -> SheetFound:
-    """Recover what moved a sheet.
+    """Recover the wind or the force that moved a sheet.
 
     Args:
         upstream: stamp of the source.
-        settings: gravity, representation and seed; blown: whether the field is a wind (also if it does not say), a force, or what is
-            more probable.
+        settings: gravity, representation and seed are used.
+        blown: its `field` says whether to recover a wind (the default), a force, or the more probable of the two.
 
     Raises:
-        UsageError, ObjectError: a mesh that is no sheet, see `mpm.shell.shell_of`; field "wind" where no wind can have moved it.
-        SimulationError: where the sheet cannot be simulated even near where it was seen.
+        UsageError, ObjectError: the mesh is not a sheet, see `mpm.shell.shell_of`; or field "wind" where no wind can have moved it.
+        SimulationError: the sheet cannot be simulated even close to where it was seen.
     """
     seen = observe_sheet(source.x, source.faces, source.fixed, source.fps, source.sigma, source.measured)
     shell = shell_of(seen.rest, source.faces, source.sheet, pinned=source.fixed)
@@ -128,7 +128,7 @@ def sheet_stage(
 
 
 def _both(recovery: Recovery, found: SheetEstimate, told: dict[str, Any]) -> list[Recovery]:
-    """What is fitted: the force, and the wind if it is one."""
+    """What fields are fitted to: the recovered force and, if the field is a wind, a copy with the wind in the force's place."""
     if told["field"] != "wind":
         return [recovery]
     return [recovery, replace(recovery, force_density=found.velocity, deviation=found.deviation)]
@@ -137,7 +137,11 @@ def _both(recovery: Recovery, found: SheetEstimate, told: dict[str, Any]) -> lis
 def choose(
     shell: Shell, seen: Observed, gravity: Sequence[float], field: str, progress: Progress, journal: Journal
 ) -> tuple[SheetEstimate, dict[str, Any]]:
-    """The estimate that the setting asks for, and what `wind.json` says of it."""
+    """The estimate of the wind or the force, as `field` ("wind", "force" or "auto") asks, and the content of `wind.json`.
+
+    Raises:
+        ObjectError: field "wind" where no wind can have moved the sheet, or the sheet does not determine it.
+    """
 
     def estimate(cause: Cause, mean: float, name: str, part: Progress) -> SheetEstimate:
         follower = follower_of(shell, seen, gravity, cause)
@@ -167,7 +171,7 @@ def choose(
 
 
 def _objection(found: SheetEstimate) -> str:
-    """Why nothing of the kind is a wind; "" where it may be one."""
+    """Why the estimate cannot be accepted as a wind; "" where it can."""
     speed = float(np.median(np.linalg.norm(found.velocity, axis=-1)))
     if speed > STRONGEST:
         return f"It would take a wind of {speed:.0f} m/s to push a sheet of this weight so hard: something else moves it."
@@ -182,7 +186,7 @@ def _objection(found: SheetEstimate) -> str:
 
 
 def _remarks(found: SheetEstimate, told: dict[str, Any]) -> list[str]:
-    """What the notes say of a wind."""
+    """Notes on an accepted wind."""
     if found.doubt < DOUBTFUL:
         return [sentence(told)]
     size = f"{100 * found.doubt:.0f} % of its speed, {found.uncertain:.1f} m/s, are uncertain"
@@ -203,16 +207,16 @@ def _recovery(
     found: SheetEstimate,
     seconds: float,
 ) -> Recovery:
-    # The simulation is drawn to what was seen, and lags by some pixels: over a clip the sheet is where it was seen.
+    # The simulation is pulled towards the observations but lags them by some pixels; for a clip, x is therefore the observed path.
     x = seen.x if targets else found.x
     residual = residual_in_pixels(targets, x) if targets else np.sqrt(((x - seen.x) ** 2).sum(axis=-1).mean(axis=1))
     volume, weight = particles.volume[:, None], shell.mass[:, None] * np.linalg.norm(gravity)
     held_up = reaction_remarks(particles, found.force / shell.mass[:, None], x, gravity)
-    # how much of the force is what holds the sheet up the clip does not tell
+    # the clip does not show how much of the force is the support that holds the sheet up
     deviation = np.hypot(found.force_deviation, weight) if held_up else found.force_deviation
     v0 = np.where(shell.pinned[:, None], 0.0, seen.at(0.0)[1])
     useless: list[str] = []
-    if targets:  # points in 3D the simulation is drawn to, whatever the force: what is missed of them tells nothing of it
+    if targets:  # a simulation is pulled towards points in 3D whatever the force is, so their residual says nothing about the force
         channels = [track_channels(particles, one, plastic=False) for one in targets]
         fall = fall_of(particles, found.force / shell.mass[:, None], x, v0, seen.fps, gravity)
         useless = verdict(particles, channels, x, residual, fall, "The sheet that was followed")
@@ -236,7 +240,8 @@ def _recovery(
 
 
 def residual_in_pixels(targets: Sequence[TrackTargets], x: np.ndarray) -> np.ndarray:
-    """(T+1,) root mean square distance [px] of tracks from where vertices at x (T+1, V, 3) [m] put them; 0 where there are none."""
+    """(T+1,) root mean square distance [px] of the tracks from their projections for vertices at x (T+1, V, 3) [m]; 0 in frames without
+    visible tracks."""
     residual = np.zeros(len(x))
     for t, vertices in enumerate(x):
         off = [
@@ -248,7 +253,7 @@ def residual_in_pixels(targets: Sequence[TrackTargets], x: np.ndarray) -> np.nda
 
 
 def _stray(follower: Follower, found: SheetEstimate, filmed: bool) -> str:
-    """How far a simulation that nothing draws to what was seen goes astray in the field."""
+    """A note on how far a free simulation in the recovered field, without the pull towards the observations, strays from them."""
     said = "The recovered motion is " + ("what the clip shows." if filmed else "a simulation that is softly drawn to the points seen.")
     try:
         path = replace(follower, pull=0.0).path(found.velocity)
@@ -261,7 +266,8 @@ def _stray(follower: Follower, found: SheetEstimate, filmed: bool) -> str:
 
 
 def _deformations(shell: Shell, x: np.ndarray) -> np.ndarray:
-    """(V, 3, 3) deformation gradients at the vertices, means over the faces around; normals stay as long as they are."""
+    """(V, 3, 3) deformation gradients at the vertices for positions x (V, 3) [m]: area-weighted means over the adjacent faces, without any
+    stretch along the normal."""
     surface = shell.surface
     rest = surface.x[surface.faces]
     t, s = plane_axes(rest[:, 1] - rest[:, 0], rest[:, 2] - rest[:, 0])
