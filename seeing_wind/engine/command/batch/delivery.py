@@ -1,4 +1,4 @@
-"""What goes to a node and what comes back: a job's files by their content, its takes written aside and renamed when they are whole."""
+"""Transfer to and from a node: a job's files are sent by content; its takes are written to a folder aside and renamed when complete."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from .jobs import FOLDERS, Job
 from .node import Order
 
 LEFT_HERE = {"report.png", "overlay.mp4"}
-"""Files of a take that a re-simulation does not read."""
+"""Files of a take that are not sent, as a re-simulation does not read them."""
 
 
 def order_of(job: Job, threads: int, shared: bool) -> Order:
-    """What a node has to do.
+    """The order for a node to run `job`.
 
     Raises:
-        UsageError: when the job names files in a way that cannot be shipped.
+        UsageError: the job names files in a way that cannot be shipped.
     """
     named = [job.take, job.edit_take, job.source, job.edit]
     paths = [str(path) for path in (*named, *(file for _, file in job.named_files())) if path is not None]
@@ -44,9 +44,9 @@ def _check_shippable(job: Job) -> None:
 
 
 def files_of(job: Job) -> list[Path]:
-    """All that a node needs: what the job reads, and what its takes hold already, so that finished stages are kept.
+    """All files that a node needs: those that the job reads, and those in its takes, so that finished stages are kept.
 
-    A take's lock goes along: it is the only sign that a folder is a take before its first stage is stamped.
+    A take's lock is among them: until the first stage is stamped, only the lock shows that the folder is a take.
     """
     files = [Path(os.path.abspath(path)) for path in job.reads()]
     for take in (job.take, job.edit_take):
@@ -57,7 +57,7 @@ def files_of(job: Job) -> list[Path]:
 
 
 class Incoming:
-    """The takes of one attempt at a job as they come in."""
+    """The takes of one attempt at a job, while they are being received."""
 
     def __init__(self, takes: list[str], progress: Progress) -> None:
         self._progress, self._refused = progress, False
@@ -65,10 +65,10 @@ class Incoming:
         self.discard()
 
     def write(self, take: str, name: str, content: bytes) -> None:
-        """One file of a take.
+        """Write one file of a take.
 
         Raises:
-            TakeError: when it cannot be written, or its name leads out of the take.
+            TakeError: it cannot be written, or its name leads out of the take.
         """
         place = self._places[take]
         path = place / name
@@ -84,16 +84,16 @@ class Incoming:
             raise TakeError(f"{path} cannot be written: {error.strerror or error}.", "Free some space, or mend the folder.") from error
 
     def accept(self) -> None:
-        """Put the takes in their places. What was there is removed when the new one stands.
+        """Move the takes to their places. A former take is removed once the new one is in place.
 
         Raises:
-            TakeError: one cannot be replaced, or another process writes to it; the new one then stays beside it.
+            TakeError: a take cannot be replaced, or another process writes to it; the new one then stays beside it.
         """
         for take, place in self._places.items():
             former = place.with_name(f".{Path(take).name}.former")
             try:
                 if Path(take).exists():
-                    with lock.held(Take(take), "batch", self._progress):  # nobody writes there
+                    with lock.held(Take(take), "batch", self._progress):  # fails if another process writes there
                         pass
                     shutil.rmtree(former, ignore_errors=True)
                     systems.replace(take, former)
@@ -105,6 +105,6 @@ class Incoming:
             shutil.rmtree(former, ignore_errors=True)
 
     def discard(self) -> None:
-        """Remove what an attempt that failed has left; not what only found no place."""
+        """Remove what a failed attempt has left, but not complete takes that only could not be moved to their places."""
         for place in () if self._refused else self._places.values():
             shutil.rmtree(place, ignore_errors=True)

@@ -1,4 +1,4 @@
-"""A batch on a Ray cluster: every job on some node, its takes brought home, a job whose node dies tried again on another one."""
+"""A batch on a Ray cluster: each job runs on some node, and its takes are sent back; if the node dies, it is tried again on another one."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from .ray_cluster import Cluster, Lost, Running
 from .summary import Summary
 
 ATTEMPTS = 3
-"""Times that a job is started at most when its worker or node dies."""
+"""Most times that a job is started if its worker or node dies."""
 BEAT = 0.3
-"""Seconds between two looks at whether the user wants to stop."""
+"""Most seconds between two checks for a cancel."""
 SHOWN = 4
-"""Jobs that the progress line names."""
+"""Most jobs that the progress line names."""
 PART = {"observe": (0.0, 0.15), "build": (0.15, 0.05), "recover": (0.2, 0.6), "report": (0.8, 0.1), "resimulate": (0.9, 0.1)}
-"""Where a stage begins in the progress of a job, and how much of it it is."""
+"""Stage -> the fraction of a job's progress at which it begins, and the fraction that it takes."""
 
 
 @dataclass
@@ -34,9 +34,9 @@ class Flight:
     attempt: int
     started: float
     tried: list[str] = field(default_factory=list)
-    """Nodes on which it died."""
+    """Nodes on which the job died."""
     node: str = ""
-    """Where it runs; empty while it waits for a place."""
+    """The node on which the job runs; empty while it waits for one."""
     stage: str = "waits"
     fraction: float = 0.0
 
@@ -45,8 +45,8 @@ class Farm:
     """The jobs of `summary` on `cluster`.
 
     Args:
-        shared: whether all nodes see this machine's folders under the same paths; else files are shipped.
-        attempts: starts of one job at most.
+        shared: whether all nodes see this machine's folders under the same paths; otherwise files are shipped.
+        attempts: most times that a job is started.
     """
 
     def __init__(self, cluster: Cluster, summary: Summary, progress: Progress, *, shared: bool, attempts: int) -> None:
@@ -55,15 +55,15 @@ class Farm:
         self.flights: list[Flight] = []
         self.waiting: list[Job] = []
         self._jobs = 0
-        """That are to be done."""
+        """Number of jobs that are to be done."""
         self._line = ""
 
     def run(self) -> None:
-        """Do all jobs that are not done, and write the summary whenever one ends.
+        """Run all jobs that are not done yet, and write the summary whenever one ends.
 
         Raises:
             SeeingWindError: a node lacks this engine; nothing was started.
-            Cancelled: all jobs were stopped.
+            Cancelled: the batch was cancelled, and all jobs were stopped.
         """
         self.progress.begin("batch", "looks at the nodes")
         self.cluster.check(self.progress.check)
@@ -78,13 +78,13 @@ class Farm:
                 self._start_ready()
                 self._listen()
                 self._tell()
-        except BaseException:  # a cancel, or a defect: nothing is left running on other machines
+        except BaseException:  # after a cancel or a defect, too, nothing must be left running on other machines
             self._stop_all()
             raise
         self._tell()
 
     def _start_ready(self) -> None:
-        """Start what need not wait for a take that another job makes. Ray finds the places."""
+        """Start all jobs that need not wait for a take that another job makes. Ray assigns them to nodes."""
         for job in list(self.waiting):
             before = self.summary.jobs[: self.summary.jobs.index(job)]
             if any(other.take == job.take and other.name not in self.summary.outcomes for other in before):
@@ -160,7 +160,7 @@ class Farm:
         self.summary.end(flight.job, outcome, time.monotonic() - flight.started, message)
 
     def _tell(self) -> None:
-        """One line for all jobs, when it has changed. A safe point."""
+        """Report progress in one line for all jobs, if it has changed. Raises Cancelled after a cancel."""
         ended, total = len(self.summary.outcomes), len(self.summary.jobs)
         failed = self.summary.count("failed")
         at_work = [f"{flight.job.name} {flight.stage} {100 * flight.fraction:.0f} %" for flight in self.flights if flight.node]
@@ -175,7 +175,7 @@ class Farm:
             self.progress.update((ended + sum(flight.fraction for flight in self.flights)) / total, line)
 
     def _stop_all(self) -> None:
-        """Cancel what runs, wait until it has stopped at a safe point, and note it; the rest is left."""
+        """Cancel all running jobs, wait until they have stopped at a safe point (or end them), and note them as cancelled."""
         for flight in self.flights:
             self.cluster.cancel(flight.running, force=False)
         deadline = time.monotonic() + CANCEL_GRACE + 2.0

@@ -1,4 +1,4 @@
-"""A batch's jobs one after the other, on this machine."""
+"""Runs a batch's jobs one after the other on this machine."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from .summary import Summary
 
 
 def run_in_order(summary: Summary, do: Callable[[Job, bool], None], say: Callable[[str], None]) -> None:
-    """Do all jobs that are not done, and write the summary after every one. A job that fails does not stop the others.
+    """Run all jobs that are not done yet, and write the summary after each of them. A job that fails does not stop the others.
 
     Args:
-        do: does one job, given whether its takes are made already; raises `SeeingWindError` where it fails, `Cancelled` after a cancel,
-            which leaves the other jobs for the next time. Adds a take to `Summary.recovered` once it has its field.
-        say: told a line per job.
+        do: runs one job, given whether its takes are made already, and adds a take to `Summary.recovered` once it has a field. It raises
+            `SeeingWindError` if the job fails, and `Cancelled` after a cancel, which leaves the remaining jobs for the next run.
+        say: receives a line of text per job.
     """
     total = len(summary.jobs)
     for number, job in enumerate(summary.jobs, start=1):
@@ -47,7 +47,7 @@ def _attempt(summary: Summary, do: Callable[[Job, bool], None], job: Job) -> tup
         return "cancelled", ""
     except SeeingWindError as error:
         return "failed", str(error)
-    except Exception as error:  # a defect in one job shall not cost a night's work on the others
+    except Exception as error:  # a defect in one job must not cost a night's work on the others
         traceback.print_exc()
         return "failed", f"{type(error).__name__}: {error}"
     return "done", ""

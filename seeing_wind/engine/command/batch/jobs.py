@@ -1,6 +1,6 @@
 """A batch's file: JOBS.toml.
 
-Every job is a TOML table; paths count from the file.
+Every job is a TOML table; paths are relative to the file.
 
     [[job]]
     name = "leaf"
@@ -31,19 +31,19 @@ from ...settings.tables import names_in, read_users_toml, tables_of
 
 SOURCES = ("clip", "trajectories")
 FILES = {"objects", *(one.name for one in options_of(ObserveSettings).values() if one.file)}
-"""Options of `recover` that are paths of files,"""
+"""Options of `recover` that are paths of files."""
 FOLDERS = {one.name for one in options_of(RecoverSettings).values() if one.folder}
-"""and of folders."""
+"""Options of `recover` that are paths of folders."""
 SWITCHES = {"no_gravity"}
-"""Those that take no value."""
+"""Options of `recover` that take no value."""
 FIELD = "field.safetensors"
 VIDEO, SCENE = ".mp4", ".blend"
-"""Endings of what Blender renders, H.264 in MP4 (`ui.composite.own.set_output`), and of what it saves."""
+"""Suffixes of the videos that Blender renders, H.264 in MP4 (`ui.composite.own.set_output`), and of the files that it saves."""
 
 
 @dataclass(frozen=True)
 class Job:
-    """One table of the file, its paths absolute."""
+    """One table of the file, with absolute paths."""
 
     name: str
     take: Path
@@ -57,12 +57,12 @@ class Job:
 
     @property
     def source(self) -> Path | None:
-        """What is recovered; None where the take is there already or another job makes it."""
+        """The clip or trajectories to recover; None if the take exists already or another job makes it."""
         return self.clip or self.trajectories
 
     @property
     def needs_blender(self) -> bool:
-        """Whether it ends with something that only Blender makes."""
+        """Whether the job saves or renders, which only Blender can do."""
         return self.save is not None or self.render is not None
 
     def calls(self) -> list[list[str]]:
@@ -76,11 +76,11 @@ class Job:
         return calls
 
     def takes(self) -> list[Path]:
-        """The folders that its verbs write."""
+        """The folders that the job's verbs write to."""
         return [self.take] * (self.source is not None) + ([self.edit_take] if self.edit_take is not None else [])
 
     def reads(self) -> list[Path]:
-        """The files that it reads, those that are there."""
+        """The files that the job reads, as far as they exist."""
         found = [self.source, self.edit, *(file for _, file in self.named_files())]
         found += [self.edit.parent / name for name in names_in(self.edit)] if self.edit is not None else []
         for clip in (self.clip, *(Path(view[0]) for view in self.recover.get("view", ()))):
@@ -89,36 +89,36 @@ class Job:
         return [path for path in found if path is not None and path.is_file()]
 
     def named_files(self) -> list[tuple[str, Path]]:
-        """The files and folders that the options of `recover` name, each with its option."""
+        """The files and folders that the options of `recover` name, each as (option, path)."""
         keys = sorted((FILES | FOLDERS) & self.recover.keys())
         named = [(key, Path(self.recover[key])) for key in keys if isinstance(self.recover[key], str)]
         return named + [("view", Path(word)) for view in self.recover.get("view", ()) for word in view]
 
     def takes_made(self) -> bool:
-        """Whether its takes are there, and the re-simulation is that of its own edit."""
+        """Whether the job's takes exist, and the re-simulation is that of the job's own edit."""
         simulated = self.edit_take is None or (self.edit_take / "resimulation.json").is_file()
         return simulated and (self.take / FIELD).is_file() and self._other_edit() is None
 
     def files_made(self) -> bool:
-        """Whether what Blender makes of them is there."""
+        """Whether the files that Blender makes of the takes exist."""
         return all(path.exists() for path in (self.save, self.render) if path is not None)
 
     def takes_digest(self) -> str:
-        """Of all that its takes are made from: what the file says, and the files that it names."""
+        """Digest of all that the job's takes are made from: its table, and the files that the table names."""
         reads = self.reads() + [self.take / FIELD] * (self.source is None)
         marks = [(str(path), path.stat().st_mtime_ns, path.stat().st_size) for path in reads if path.is_file()]
         said = dataclasses.replace(self, save=None, render=None)
         return hashlib.sha256(json.dumps([repr(said), marks]).encode()).hexdigest()
 
     def digest(self) -> str:
-        """Of all that the job says and reads."""
+        """Digest of the job's whole table and all files that it reads."""
         return hashlib.sha256(json.dumps([self.takes_digest(), str(self.save), str(self.render)]).encode()).hexdigest()
 
     def check_edit_take(self) -> None:
-        """See that the folder of the re-simulation is not that of another edit, say one made in Blender's panel.
+        """Check that the re-simulation's folder is not that of another edit, such as one made in Blender's panel.
 
         Raises:
-            TakeError: when it is, or cannot be read.
+            TakeError: it is, or it cannot be read.
         """
         other = self._other_edit()
         if other is not None and self.edit is not None:
@@ -128,7 +128,7 @@ class Job:
             )
 
     def _other_edit(self) -> str | None:
-        from ...take import Take  # imports NumPy, which Blender shall not load at its start
+        from ...take import Take  # imports NumPy, which Blender should not load when it starts
 
         if self.edit is None or self.edit_take is None:
             return None
@@ -141,8 +141,8 @@ def read_jobs(path: Path) -> list[Job]:
     """The jobs of a file.
 
     Raises:
-        UsageError: no such file, no TOML, no jobs, an unknown key or material, a missing file, an ending that cannot be rendered or
-            saved, two jobs of one name or with one result.
+        UsageError: the file does not exist, is not TOML or has no jobs; an unknown key or material, a missing file, a suffix that cannot
+            be rendered or saved, or two jobs with the same name or result.
     """
     values, hint = read_users_toml(path, "The file of jobs"), "See docs/guide/batch-and-farm.md for what belongs in it."
     tables = tables_of(values, "job", f"The file of jobs {path}", hint)
@@ -154,7 +154,7 @@ def read_jobs(path: Path) -> list[Job]:
 
 
 def _check_together(jobs: list[Job]) -> None:
-    """Raises UsageError for jobs that write over each other, or one that nothing gives a field."""
+    """Raises UsageError for jobs that overwrite each other's results, and for a job whose take neither has a field nor gets one."""
     names = [job.name for job in jobs]
     written: dict[Path, str] = {}
     makers: dict[Path, Job] = {}
@@ -235,12 +235,12 @@ def _job(table: dict[str, Any], number: int, path: Path) -> Job:
 
 
 def _beside(home: Path, path: str) -> str:
-    """A path of the jobs' file, which lies in `home`, as an absolute one."""
+    """A path from the jobs' file, which lies in the folder `home`, as an absolute path."""
     return os.path.abspath(home / os.path.expanduser(path))
 
 
 def _views(value: Any, name: str) -> list[list[str]]:
-    """The further views of the job `name`, each with its clip, camera and mask: a list of them, or one alone."""
+    """The further views of the job `name`, each as clip, camera and mask; `value` is a list of views or a single view."""
     views = value if isinstance(value, list) and all(isinstance(view, list) for view in value) else [value]
     for view in views:
         if not isinstance(view, list) or len(view) != 3 or not all(isinstance(word, str) and word for word in view):
@@ -250,14 +250,14 @@ def _views(value: Any, name: str) -> list[list[str]]:
 
 
 def _is_there(key: str, path: Path) -> bool:
-    """Whether what the option `key` names can be read: a file, a folder, or the images of a further view."""
+    """Whether what the option `key` names exists: a file, a folder, or the images of a further view."""
     if key in FOLDERS:
         return path.is_dir()
     return path.is_file() or (key == "view" and _is_sequence(path) and bool(image_files(str(path))))
 
 
 def _words(options: dict[str, Any]) -> list[str]:
-    """A table of options as words of a command line."""
+    """A table of options as arguments of a command line."""
     words = []
     for key, value in options.items():
         if value is False:
@@ -273,5 +273,5 @@ def _words(options: dict[str, Any]) -> list[str]:
 
 
 def _is_sequence(clip: Path) -> bool:
-    """Whether it is a folder or a pattern of images; what is in it is the engine's to say."""
+    """Whether a clip is a folder or a pattern of images; the engine checks their content."""
     return clip.is_dir() or (clip.parent.is_dir() and ("*" in clip.name or "%" in clip.name))

@@ -1,4 +1,4 @@
-"""What a job takes of a machine, measured (docs/guide/batch-and-farm.md has the figures)."""
+"""The cores and memory that a job needs, from measurements (docs/guide/batch-and-farm.md has the figures)."""
 
 from __future__ import annotations
 
@@ -14,9 +14,10 @@ class Needs:
     """What is reserved for one job on a node."""
 
     cpus: int
-    """At most: a second core makes an elastic body's job a tenth to a fifth shorter, a plastic one's almost half. None needs it."""
+    """Most cores that are of use. A second core is never necessary; it saves 10 to 20 % of the time of a job with an elastic body, almost
+    half with a plastic one."""
     memory: int
-    """Bytes."""
+    """Memory [bytes]."""
 
 
 TABLE = {
@@ -24,12 +25,12 @@ TABLE = {
     "recover-trajectories": Needs(2, 1536 * MIB),
     "resimulate": Needs(2, 1024 * MIB),
 }
-"""By verb: half as much again as was measured, and more for a clip, whose size counts."""
+"""Needs by verb: memory is 1.5 times what was measured, and more for a clip, as it depends on the clip's size."""
 BLENDER = Needs(1, 1024 * MIB)
-"""To make a file, and to render a frame of it."""
+"""Needs of Blender for making a file and for rendering a frame of it."""
 
 
 def needs_of(job: Job) -> Needs:
-    """The most that any of its verbs needs; they run one after the other."""
+    """The most that any of the job's verbs needs, as they run one after the other."""
     each = [TABLE[call[0]] for call in job.calls()]
     return Needs(max((need.cpus for need in each), default=1), max((need.memory for need in each), default=256 * MIB))

@@ -1,7 +1,7 @@
-"""A batch's job on another machine: its files laid out, its verbs run, its takes sent home. Runs in a worker process of Ray.
+"""A batch's job on another machine: writes its files, runs its verbs and sends its takes back. Runs in a worker process of Ray.
 
-The asker's folders are copied below one temporary folder. Where a take names a file by its path, the path is put back to the asker's
-before the take goes home, so that it reads as if it had been made there.
+The files of the machine that asked for the job are copied below one temporary folder, under the same paths. Before a take is sent back, the
+paths in it are changed to those of the asking machine, so that it looks as if it had been made there.
 """
 
 from __future__ import annotations
@@ -24,26 +24,26 @@ from .. import lock
 from .process import EngineDied, Message, messages_of
 
 EVERY = 0.5
-"""Seconds between two reports of one job."""
+"""Least seconds between two progress messages of one job."""
 TEXTS = {".toml", ".json"}
 
 
 @dataclass(frozen=True)
 class Order:
-    """One job as a node gets it."""
+    """One job, as it is sent to a node."""
 
     calls: list[list[str]]
     takes: list[str]
-    """Folders to send home, by the asker's paths."""
+    """Folders to send back, as paths on the asking machine."""
     paths: list[str]
     """The words of `calls` that are paths."""
     threads: int
     shared: bool
-    """Whether the asker's paths are those of the node."""
+    """Whether the node sees the same files under the same paths as the asking machine."""
 
 
 def edition() -> str:
-    """The version of this engine and a digest of its code: two nodes of one edition give the same results."""
+    """The version of this engine and a digest of its code: nodes with the same edition give the same results."""
     home = Path(__file__).resolve().parents[2]
     digest = hashlib.sha256()
     for path in sorted([*home.rglob("*.py"), *home.glob("*.toml")], key=lambda path: path.relative_to(home).as_posix()):
@@ -52,12 +52,13 @@ def edition() -> str:
 
 
 def carry_out(order: Order, files: Mapping[str, bytes]) -> Generator[Message, None, None]:
-    """Do a job and yield its messages: `started`, then the engine's, then every `file` of its takes, at last `delivered`; or, where it
-    ends early, `failed` or `died` with a message.
+    """Run a job and yield messages: `started`, the engine's messages, a `file` for every file of the takes, and at last `delivered`.
+
+    A job that ends early yields `failed` or `died` with a message in place of what would follow.
 
     Args:
-        order: what to do.
-        files: content by the asker's path; none where the folder is shared.
+        order: the job.
+        files: the files' contents, by their paths on the asking machine; empty if the folder is shared.
     """
     yield {"type": "started", "host": socket.gethostname()}
     with systems.scratch() as root:
@@ -88,13 +89,13 @@ def _carry_out(order: Order, files: Mapping[str, bytes], root: Path) -> Generato
 
 
 def _below(root: Path, path: str) -> Path:
-    """Where a path of the asker's lies on this node."""
+    """The place on this node, below the folder `root`, for a path of the asking machine."""
     whole = Path(path)
     return root.joinpath(whole.drive.replace(":", "").strip("\\/"), *whole.parts[1:])
 
 
 def _see(order: Order) -> None:
-    """Raises UsageError where the node does not have the asker's folders."""
+    """Raises UsageError if the node does not see the shared folders."""
     for path in order.paths:
         if not Path(path).parent.is_dir():
             raise UsageError(
@@ -104,7 +105,7 @@ def _see(order: Order) -> None:
 
 
 def _sparse(batches: Iterable[list[Message]]) -> Generator[Message, None, None]:
-    """Progress not oftener than `EVERY`, and warnings."""
+    """Pass on all warnings, and progress messages at least `EVERY` seconds apart."""
     last = 0.0
     for batch in batches:
         for message in batch:
@@ -116,14 +117,14 @@ def _sparse(batches: Iterable[list[Message]]) -> Generator[Message, None, None]:
 
 
 def _at_home(text: str, home: Mapping[str, str]) -> str:
-    """A text with the asker's paths in place of this node's, plain or as JSON and TOML write them."""
+    """A text in which this node's paths, plain or escaped as in JSON and TOML, are replaced by the asking machine's."""
     for there, here in home.items():
         text = text.replace(there, here).replace(json.dumps(there)[1:-1], json.dumps(here)[1:-1])
     return text
 
 
 def _files(take: str, folder: Path, home: Mapping[str, str]) -> Generator[Message, None, None]:
-    """All files of a take, its own paths the asker's again."""
+    """A `file` message for every file of a take except its lock, with paths changed to the asking machine's."""
     for path in sorted(folder.rglob("*")):
         if path.is_file() and path.name != lock.NAME:
             if path.suffix in TEXTS:
@@ -134,7 +135,7 @@ def _files(take: str, folder: Path, home: Mapping[str, str]) -> Generator[Messag
 
 
 def _rename_in(folder: Path, name: str, home: Mapping[str, str]) -> None:
-    """The same in the texts of an archive; one without is left as it is."""
+    """Replace the paths in the texts of a take's NPZ, as `_at_home` does; the file is written only if that changes anything."""
     take = Take(folder)
     arrays: dict[str, Any] = take.read_arrays(name)
     changed = False

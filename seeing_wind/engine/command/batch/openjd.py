@@ -1,7 +1,7 @@
 """A batch as an Open Job Description (job template 2023-09): steps that a studio's farm runs in its own order on its own machines.
 
-Per job: recover -> re-simulate -> bake (a .blend, in Blender with this extension) -> render (a task per frame, in any Blender). Paths are
-written from the folder of the jobs' file, which is a parameter, so that a farm can map it to where its machines see it.
+Each job has the steps recover -> re-simulate -> bake (a .blend, in Blender with this extension) -> render (a task per frame, in any
+Blender). Paths are relative to the folder of the jobs' file, which is a parameter, so that a farm can map it to its machines' path.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from .node import edition
 from .process import ROOT
 
 TEMPLATE, PARAMETERS = "template.json", "parameters.json"
-"""The job, and its folders as the machine that wrote it sees them."""
+"""File names of the job template, and of the values of its parameters on the machine that wrote it."""
 NAME_LENGTH = 64
-"""Characters of a step's name at most, by the specification."""
+"""Most characters of a step's name, by the specification."""
 FIRST_FRAME = 1
-"""Scene frame of frame 0 in a file that `bake` makes."""
+"""Scene frame that shows clip frame 0 in a file made by `bake`."""
 
 CHECK = """\
 import sys
@@ -41,19 +41,20 @@ from seeing_wind.engine.errors import DONE_WITH_WARNINGS
 code = main(sys.argv[1:])
 sys.exit(0 if code == DONE_WITH_WARNINGS else code)
 """
-"""The engine, for a farm that takes every exit code but 0 for a failure and would hold back the steps that come next."""
+"""Runs the engine and exits with 0 for a job with warnings: a farm treats every other exit code as a failure and holds back later steps."""
 
 
 def write_bundle(jobs: list[Job], path: Path, folder: Path, progress: Progress) -> dict[str, Any]:
-    """Write template.json and parameters.json into `folder` for the jobs of the file `path`, those too that are done here: what is
-    repeated is the farm's to decide.
+    """Write template.json and parameters.json into `folder` for all `jobs` of the file `path`.
+
+    Jobs that are done on this machine are included: the farm decides what to repeat.
 
     Returns:
-        Both paths, the steps' names and how many frames are rendered.
+        Both paths, the steps' names and the number of frames to render.
 
     Raises:
-        UsageError: a name that is too long for a step, or braces that the template would read as its own.
-        ClipError: a clip to be rendered that cannot be read.
+        UsageError: a name is too long for a step, or has double braces, which have a meaning in a template.
+        ClipError: a clip that is to be rendered cannot be read.
     """
     progress.begin("batch", "counts frames")
     bundle = Bundle(path.resolve().parent)
@@ -68,10 +69,10 @@ def write_bundle(jobs: list[Job], path: Path, folder: Path, progress: Progress) 
 
 
 class Bundle:
-    """The steps of a template as they come together.
+    """The steps of a template, collected job by job.
 
     Args:
-        home: the folder that paths are written from.
+        home: the folder of the jobs' file, to which paths are relative.
     """
 
     def __init__(self, home: Path) -> None:
@@ -80,7 +81,7 @@ class Bundle:
         self.frames = 0
 
     def add(self, job: Job, maker: Job | None) -> None:
-        """The steps of one job; `maker` is the first job that recovers into its take, None where the take is there already."""
+        """Add the steps of one job. `maker` is the first job that recovers into its take, None if the take exists already."""
         after: str | None = f"{maker.name}: recover" if maker is not None else None
         for call in job.calls():
             if call[0] == "resimulate":
@@ -127,7 +128,7 @@ class Bundle:
         }  # fmt: skip
 
     def parameters(self) -> dict[str, str]:
-        """The folders as this machine sees them; a template may not have them as defaults."""
+        """The folders' paths on this machine, by parameter; a template may not have them as defaults."""
         return {**{f"Folder{k or ''}": str(folder) for k, folder in enumerate(self.folders)}, "Engine": str(ROOT)}
 
     def _step(
@@ -150,12 +151,12 @@ class Bundle:
         return name
 
     def _engine(self, call: list[str]) -> dict[str, Any]:
-        # All paths of a job are absolute, and nothing else in a call is.
+        # A job's paths are absolute, and no other word of a call looks like an absolute path.
         words = [self._path(Path(word)) if Path(word).is_absolute() else word for word in call]
         return _action("{{Param.Python}}", ["-c", ENGINE, *words])
 
     def _path(self, path: Path) -> str:
-        """A path from the parameter of its folder; one outside the jobs' folder makes a parameter of the folder that it is in."""
+        """A path, written relative to the parameter for its folder. A path outside the jobs' folder adds a parameter for its own folder."""
         for k, folder in enumerate(self.folders):
             if path.is_relative_to(folder):
                 return f"{{{{Param.Folder{k or ''}}}}}/{_plain(path.relative_to(folder).as_posix())}"
@@ -177,10 +178,11 @@ def _action(command: str, words: list[str]) -> dict[str, Any]:
 
 
 def _frame_count(job: Job, maker: Job | None) -> int:
-    """How many frames the job's clip has, so how many frames it renders.
+    """Number of frames of the job's clip, all of which are rendered.
 
     Raises:
-        TakeError: the take that should be there has no report.
+        UsageError: the take comes from trajectories, so there is no clip to render over.
+        TakeError: the take should exist already, but has no report.
         ClipError: as `count_frames`.
     """
     from ...observe.clip.frames import count_frames

@@ -1,4 +1,4 @@
-"""One verb of the engine in a process of its own: what it crashes on, and what memory it took, is gone with it."""
+"""One verb of the engine in a process of its own, so that a crash does not affect the caller and the memory is freed at the end."""
 
 from __future__ import annotations
 
@@ -23,31 +23,31 @@ Message = dict[str, Any]
 ROOT = Path(__file__).resolve().parents[4]
 """The folder that holds the package `seeing_wind`."""
 CANCEL_GRACE = 5.0
-"""Seconds that the engine has to reach a safe point."""
+"""Seconds that the engine is given to reach a safe point after a cancel."""
 BEAT = 0.25
-"""Seconds without a message after which an empty list is yielded, so that the reader can look to other things."""
+"""Seconds without a message after which an empty list is yielded, so that the caller can do other things."""
 LOG_LINES = 20
 THREADS = ("SEEING_WIND_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
-"""Environment variables that say how many threads the solver and the numeric libraries take."""
+"""Environment variables that set the number of threads of the solver and the numeric libraries."""
 
 
 class EngineDied(SeeingWindError):
-    """The engine's process was ended from outside, by the system for want of memory as a rule."""
+    """The engine's process was killed from outside, usually by the system for lack of memory."""
 
 
 def messages_of(words: Sequence[str], threads: int | None = None) -> Generator[list[Message], None, None]:
-    """Run `python -m seeing_wind.engine WORDS` and yield its messages, an empty list when there was none for a while.
+    """Run `python -m seeing_wind.engine WORDS` and yield its messages, or an empty list if there was none for a while.
 
-    Closing the generator, or an exception thrown into it, stops the process: at a safe point, or after `CANCEL_GRACE` seconds anyhow. It
-    stops by itself, too, when this process dies.
+    Closing the generator, or an exception thrown into it, stops the process at a safe point, or kills it after `CANCEL_GRACE` seconds. The
+    process also stops by itself if this process dies.
 
     Args:
         words: verb and options.
-        threads: of the engine; None leaves it to it.
+        threads: number of threads of the engine; None leaves the choice to the engine.
 
     Raises:
-        SeeingWindError: with the engine's own words, when it failed.
-        EngineDied: when it was killed.
+        SeeingWindError: the engine failed; the message is the engine's own.
+        EngineDied: the engine was killed.
     """
     process = subprocess.Popen(
         [sys.executable, "-m", "seeing_wind.engine", *words], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
@@ -79,14 +79,14 @@ def messages_of(words: Sequence[str], threads: int | None = None) -> Generator[l
 
 
 def _environment(threads: int | None) -> dict[str, str]:
-    """This process's own, with this package in reach whatever the folder, and no module of that folder in its way."""
+    """This process's environment, changed so that the package is found from any folder, and no module in that folder shadows another."""
     path = os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))
     given = {} if threads is None else dict.fromkeys(THREADS, str(threads))
     return {**os.environ, "PYTHONPATH": path, "PYTHONUTF8": "1", "PYTHONSAFEPATH": "1", CANCEL_BY_STDIN: "1", **given}
 
 
 def _message(line: str) -> Message:
-    """A line of the engine's; empty for one that is no message."""
+    """The message in a line of the engine's output; empty if the line is not a message."""
     try:
         message = json.loads(line)
     except ValueError:
@@ -104,7 +104,7 @@ def _failure(code: int, error: Message | None, log: deque[str]) -> SeeingWindErr
 
 
 def _stop(process: subprocess.Popen[str]) -> None:
-    """Have a running process stop at a safe point, or end it."""
+    """Let a running process stop at a safe point, or kill it after `CANCEL_GRACE` seconds."""
     if process.stdin is not None:
         with contextlib.suppress(OSError):  # it is gone already
             process.stdin.write("cancel\n")

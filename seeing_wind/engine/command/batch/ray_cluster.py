@@ -1,4 +1,4 @@
-"""The one door to Ray: a cluster whose nodes have this very engine, and jobs that run on it.
+"""The only module that uses Ray: a cluster whose nodes have exactly this engine, and jobs that run on it.
 
 Ray is an optional package (`errors.extra("farm")`), in the engine's environment of every node.
 """
@@ -19,11 +19,11 @@ from .process import Message
 NODE = f"{__package__}.node"
 KNOCK_SECONDS = 5.0
 PROBE_SECONDS = 120.0
-"""For a node to start a Python and say which engine it has."""
+"""Seconds in which a node must start a Python and report its engine's edition."""
 
 
 class Lost(Exception):
-    """A job's worker or node died, or what it had made went with its node: the job can be tried again."""
+    """A job's worker or node died, or its results were lost with the node. The job can be tried again."""
 
 
 @dataclass
@@ -34,15 +34,15 @@ class Running:
 
 
 class Cluster:
-    """A running Ray cluster. Used in a `with` block, which lets go of it at the end; the cluster goes on.
+    """A connection to a running Ray cluster. At the end of its `with` block it is closed; the cluster keeps running.
 
     Args:
-        address: `auto` for the one that runs on this machine, or HOST:PORT of its head.
+        address: `auto` for the cluster that this machine belongs to, or HOST:PORT of a cluster's head.
 
     Raises:
-        MissingPackage: without Ray.
-        UsageError: for an address of Ray's client, which does not stream results.
-        SeeingWindError: when there is no cluster, or it has another Ray or Python.
+        MissingPackage: Ray is not installed.
+        UsageError: the address is one of Ray's client, which does not stream results.
+        SeeingWindError: there is no cluster, or it has another version of Ray or Python.
     """
 
     def __init__(self, address: str) -> None:
@@ -74,7 +74,7 @@ class Cluster:
         self._ray.shutdown()
 
     def nodes(self) -> dict[str, str]:
-        """The living nodes that can work: id -> address."""
+        """The living nodes that can run jobs: id -> address."""
         return {
             node["NodeID"]: node["NodeManagerAddress"]
             for node in self._ray.nodes()
@@ -82,13 +82,13 @@ class Cluster:
         }
 
     def check(self, beat: Callable[[], None]) -> None:
-        """See that every node has this engine.
+        """Check that every node has this engine.
 
         Args:
-            beat: called while waiting; what it raises ends the check.
+            beat: called again and again while waiting; an exception from it ends the check.
 
         Raises:
-            SeeingWindError: one has none, another one, or does not answer; or no node can work.
+            SeeingWindError: a node has no engine or another one, or does not answer; or no node can run jobs.
         """
         nodes = self.nodes()
         if not nodes:
@@ -120,7 +120,7 @@ class Cluster:
         return self._strategies.NodeAffinitySchedulingStrategy(node_id=node, soft=soft)
 
     def fitting(self, needs: Needs, jobs: int) -> Needs:
-        """What one of so many jobs gets: no more than the largest node has, and one core where there are not more cores than jobs."""
+        """`needs`, limited to what one of `jobs` jobs can get: at most the largest node's cores and memory, and its share of all cores."""
         alive = [node["Resources"] for node in self._ray.nodes() if node["Alive"] and node["Resources"].get("CPU", 0.0) > 0.0]
         cpus = max((int(node["CPU"]) for node in alive), default=needs.cpus)
         cpus = min(cpus, int(sum(node["CPU"] for node in alive)) // max(jobs, 1))
@@ -128,7 +128,7 @@ class Cluster:
         return Needs(max(min(needs.cpus, cpus), 1), min(needs.memory, memory))
 
     def put(self, path: Any) -> Any:
-        """The content of a file as a reference into the object store, where a clip that many jobs share lies once."""
+        """A reference to the content of a file in the object store, where a clip that many jobs share is kept once."""
         stat = path.stat()
         key = (str(path), stat.st_mtime_ns, stat.st_size)
         if key not in self._store:
@@ -139,9 +139,9 @@ class Cluster:
         """Start a job.
 
         Args:
-            files: references by path, of `put`.
-            needs: what is reserved for it.
-            node: where it shall run if that node lives; None leaves it to Ray.
+            files: references from `put`, by path.
+            needs: what is reserved for the job.
+            node: the node on which to run it if that node lives; None leaves the choice to Ray.
         """
         options = {"num_cpus": needs.cpus, "memory": needs.memory, "max_retries": 0}
         if node is not None:
@@ -149,16 +149,16 @@ class Cluster:
         return Running(self._task.options(**options).remote(order, list(files), list(files.values()), edition()))
 
     def ready(self, running: list[Running], seconds: float) -> list[Running]:
-        """Those that have said something, after waiting for it so long at most."""
+        """The jobs among `running` that have a message or have ended; waits at most `seconds` for the first."""
         found, _ = self._ray.wait([each.generator for each in running], num_returns=1, timeout=seconds)
         return [each for each in running if any(each.generator is one for one in found)]
 
     def next(self, running: Running) -> Message | None:
-        """The next message of one that is ready; None at its end.
+        """The next message of a job that is ready; None at its end.
 
         Raises:
             Lost: its worker or node died.
-            SeeingWindError: it raised what it should not.
+            SeeingWindError: it was cancelled on the cluster, or raised an unexpected exception.
         """
         errors = self._ray.exceptions
         try:
@@ -173,23 +173,23 @@ class Cluster:
             raise Lost(type(error).__name__) from error
 
     def cancel(self, running: Running, force: bool) -> None:
-        """Have a job stop, at a safe point unless by force."""
+        """Stop a job: at once if `force`, otherwise at a safe point."""
         self._ray.cancel(running.generator, force=force)
 
 
 def _knock(address: str) -> None:
-    """See that somebody listens at HOST:PORT: Ray itself tries for minutes. Raises OSError or ValueError where nobody does."""
+    """Check that a process listens at HOST:PORT, as Ray itself would try for minutes. Raises OSError or ValueError if none does."""
     if address != "auto":
         host, _, port = address.rpartition(":")
         socket.create_connection((host.strip("[]"), int(port)), timeout=KNOCK_SECONDS).close()
 
 
-# What follows is sent by its code, not by its name: it must run, and say so, on a node that has no engine or another one. So each of the
-# inner functions imports by name all that it uses.
+# The inner functions below are sent to a node as code, not by name, as they must also run, and report, on a node that has no engine or
+# another one. So each of them imports by name all that it uses.
 
 
 def node_probe() -> Callable[[], str]:
-    """A function that says, on the node where it runs, which edition of the engine is there, or that it lacks one."""
+    """A function that returns the edition of the engine on the node where it runs, or says that there is none."""
     name = NODE
 
     def say_edition() -> str:
@@ -207,7 +207,7 @@ def _task() -> Callable[..., Generator[dict[str, Any], None, None]]:
     name = NODE
 
     def work(order: Any, paths: list[str], contents: list[Any], wanted: str) -> Generator[dict[str, Any], None, None]:
-        """Carry out an order on a node that has the edition wanted, and say what becomes of it; paths and contents are of its files."""
+        """Run an order and yield its messages, if the node has the edition `wanted`; `paths` and `contents` are of its files."""
         import importlib
 
         import ray

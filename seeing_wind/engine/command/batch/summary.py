@@ -1,4 +1,4 @@
-"""What became of a batch's jobs: JOBS.summary.json beside the file, by which a finished job is not done twice."""
+"""The outcomes of a batch's jobs, kept in JOBS.summary.json beside the jobs' file, so that a finished job is not done twice."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ...reading import read_json
 from .jobs import Job
 
 SUMMARY = ".summary.json"
-"""Ending of the summary's name, which begins with that of the jobs' file."""
+"""Suffix of the summary's file name; it replaces that of the jobs' file."""
 
 
 @dataclass
@@ -21,25 +21,25 @@ class Outcome:
 
     name: str
     outcome: str
-    """done, skipped, failed or cancelled; in the summary also left: not reached yet."""
+    """done, skipped, failed or cancelled; in the file also left, for a job that was not reached."""
     seconds: float = 0.0
     message: str = ""
     takes: str = ""
-    """Digest of the job's takes, "" while they are not made."""
+    """Digest of all that the job's takes are made from; "" until they are made."""
     digest: str = ""
-    """Digest of the whole job, "" while it is not done."""
+    """Digest of the whole job; "" until it is done."""
 
 
 class Summary:
     """The jobs of one file and how they ended.
 
     Args:
-        path: of the jobs' file.
-        whole: whether this process also makes what needs Blender; else a job is done with its takes.
-        again: whether what is done counts as not done.
+        path: the jobs' file.
+        whole: whether this process also makes what needs Blender; otherwise a job is done once its takes are made.
+        again: treat finished jobs as not done.
 
     Raises:
-        UsageError: where the summary is to be, there is a folder.
+        UsageError: the summary's path is taken by something other than a file.
     """
 
     def __init__(self, path: Path, jobs: list[Job], *, whole: bool, again: bool) -> None:
@@ -49,24 +49,24 @@ class Summary:
         self.jobs, self.whole, self.again = jobs, whole, again
         self.outcomes: dict[str, Outcome] = {}
         self.recovered: set[Path] = set()
-        """Takes that a job of this run has recovered, whatever became of the rest of it."""
+        """Takes whose field a job of this run has recovered, even if the rest of the job failed."""
         self._before = _former(self.path)
 
     def takes_done(self, job: Job) -> bool:
-        """Whether its takes were made from exactly what it says and reads now."""
+        """Whether the job's takes exist and were made from exactly the table and files that it has now."""
         return not self.again and self._before.get(job.name, ("", ""))[0] == job.takes_digest() and job.takes_made()
 
     def is_done(self, job: Job) -> bool:
-        """Whether nothing of it is left for this process."""
+        """Whether nothing of the job is left to do for this process."""
         if not self.whole:
             return self.takes_done(job)
         return self.takes_done(job) and self._before[job.name][1] == job.digest() and job.files_made()
 
     def check_take(self, job: Job) -> None:
-        """See that a job does not go on from what an earlier run left in a take, where the job that makes it has failed in this one.
+        """Check that a job does not use a take from an earlier run if the job that makes the take has failed in this run.
 
         Raises:
-            SeeingWindError: it would.
+            SeeingWindError: it would use such a take.
         """
         if job.source is not None or job.take in self.recovered:
             return
@@ -78,7 +78,7 @@ class Summary:
                 )
 
     def skip(self, job: Job) -> Outcome:
-        """Note a job that was done before."""
+        """Note that a job was done in an earlier run."""
         takes, digest = self._before[job.name]
         return self._note(Outcome(job.name, "skipped", 0.0, self._rest(job, "done before, nothing has changed"), takes, digest))
 
@@ -103,16 +103,16 @@ class Summary:
         return outcome
 
     def count(self, *outcomes: str) -> int:
-        """How many jobs ended so."""
+        """Number of jobs that ended with one of these outcomes."""
         return sum(each.outcome in outcomes for each in self.outcomes.values())
 
     @property
     def exit_code(self) -> int:
-        """130 after a cancel, 1 when a job failed, else 0."""
+        """130 if a job was cancelled, 1 if one failed, otherwise 0."""
         return 130 if self.count("cancelled") else 1 if self.count("failed") else 0
 
     def table(self) -> str:
-        """The outcomes as text, in the file's order."""
+        """The outcomes as a text table, in the order of the jobs' file."""
         rows = [self.outcomes[job.name] for job in self.jobs if job.name in self.outcomes]
         width = max((len(each.name) for each in rows), default=0)
         lines = [f"  {each.name:<{width}}  {each.outcome:<9}  {each.seconds:>8.1f} s  {each.message}".rstrip() for each in rows]
@@ -120,7 +120,7 @@ class Summary:
 
 
 def _former(summary: Path) -> dict[str, tuple[str, str]]:
-    """Digests of the takes and of the whole job, of those that a former run finished; a summary that cannot be read counts as none."""
+    """By name, digests of the takes and of the whole job, for jobs whose takes an earlier run made; empty if the summary cannot be read."""
     try:
         rows = read_json(summary)["jobs"]
         return {row["name"]: (row["takes"], row["digest"]) for row in rows if row["takes"]}

@@ -1,4 +1,4 @@
-"""`batch JOBS.toml`: the jobs of a file, here, on a Ray cluster, or as a bundle for another farm."""
+"""`batch JOBS.toml`: runs the jobs of a file here or on a Ray cluster, or writes them as a bundle for another farm."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ def batch(arguments: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     """`batch JOBS.toml [--again] [--ray ADDRESS [--shared] [--attempts N]] [--openjd FOLDER]`.
 
     Raises:
-        UsageError: as `read_jobs`, or for options that do not go together.
-        SeeingWindError: when a job failed; the others are done.
-        Cancelled: after a cancel.
+        UsageError: as `read_jobs`; or options do not go together.
+        SeeingWindError: a job failed; the others were still run.
+        Cancelled: the batch was cancelled.
     """
     path = Path(arguments.jobs)
     jobs = read_jobs(path)
@@ -55,7 +55,7 @@ def batch(arguments: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 
 
 def _check(job: Job) -> None:
-    """Refuse a job whose options, edit or list of objects the engine would refuse, before any job is begun."""
+    """Refuse a job whose options, edit or list of objects the engine would refuse, before any job starts."""
     from ..arguments import parser
 
     try:
@@ -64,7 +64,7 @@ def _check(job: Job) -> None:
         if job.edit is not None:
             read_edit(job.edit)
         listed = job.recover.get("objects")
-        if isinstance(listed, str) and os.path.isfile(listed):  # else a job above makes it
+        if isinstance(listed, str) and os.path.isfile(listed):  # otherwise an earlier job makes it
             from ...observe.models.objects import read_objects
 
             read_objects(listed)
@@ -73,7 +73,10 @@ def _check(job: Job) -> None:
 
 
 def _do(summary: Summary, job: Job, made: bool, progress: Progress) -> None:
-    """One job here: its verbs, each in a process of its own, their messages passed on."""
+    """Run one job on this machine: each of its verbs in a process of its own, with its messages passed on.
+
+    `made`: its takes are made already, so there is nothing to run.
+    """
     for call in [] if made else job.calls():
         for messages in messages_of(call):
             progress.check()

@@ -168,7 +168,7 @@ def _no_covariance(matrices: np.ndarray, extent: float) -> tuple[int, str] | Non
 
 
 def _moving(particles: Particles, targets: PointTargets, fps: float) -> Iterator[str]:
-    """A note on held particles that move too far to be held, even if the clamp was marked too large.
+    """A note on held particles that move further than particles next to a clamp would.
 
     Displacements that their errors explain do not count, nor does a motion that all share, which is taken to be the clamp's own.
     """
