@@ -1,4 +1,4 @@
-"""An observation that is killed again and again, and goes on each time from what its journal has kept."""
+"""An observation that is killed again and again, and each time continues from its journal."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from seeing_wind.engine.take import Take
 
 
 class Killed(BaseException):
-    """What no computation expects."""
+    """An exception that no computation expects."""
 
 
 def in_pieces(
     clip: Path, settings: ObserveSettings, folder: Path, every: int, follower: type[Follower] = MaskFollower
 ) -> tuple[Observation, int, int]:
-    """The observation of `clip`, killed after every so many frames in which the object was followed.
+    """The observation of `clip`, killed each time the object has been followed in a given number of frames.
 
     Returns:
-        the observation, how often it was killed, and in how many frames the object was followed in all.
+        The observation, how often it was killed, and in how many frames the object was followed in total.
     """
     advance, frames, kills, since = follower.advance, 0, 0, 0
 
@@ -53,7 +53,7 @@ def in_pieces(
 
 
 def assert_same(found: Observation, wanted: Observation) -> None:
-    """To the last bit."""
+    """Two observations are the same to the last bit."""
     ours, theirs = to_arrays(found), to_arrays(wanted)
     assert ours.keys() == theirs.keys()
     for key, values in ours.items():

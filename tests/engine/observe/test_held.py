@@ -1,4 +1,4 @@
-"""An object that another thing holds, moves along with, and which goes on beyond the object's box."""
+"""An object held by another thing, which moves with it and extends beyond the object's box."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Networks in place of the defaults: each is asked at the right moment, with the right frame, and its answer is what is used."""
+"""Networks in place of the defaults: each is called at the right moment with the right frame, and its answer is used."""
 
 from __future__ import annotations
 

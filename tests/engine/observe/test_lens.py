@@ -1,4 +1,4 @@
-"""Lenses that bend: straightening, its inverse, and an observation through one."""
+"""Lens distortion: its removal, the inverse, and an observation through a distorting lens."""
 
 from __future__ import annotations
 

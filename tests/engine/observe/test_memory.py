@@ -1,4 +1,4 @@
-"""Memory does not grow with the clip: frames go through the disk, masks are packed."""
+"""Memory does not grow with the clip's length: frames are kept on disk, masks are packed."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform ==
 
 
 def peak(path: Path, box: tuple[float, ...], last: int) -> int:
-    """Most bytes resident in a process that observes frames 0 to `last`."""
+    """Peak resident memory [bytes] of a process that observes frames 0 to `last`."""
     command = [sys.executable, "-c", OBSERVE, str(path), *map(str, box), str(last)]
     return int(subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()[-1])
 

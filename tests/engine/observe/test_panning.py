@@ -1,4 +1,5 @@
-"""A camera that pans: what moves before its surroundings is told from what stands still, though colours tell both from the rest."""
+"""A panning camera: what moves before the surroundings is distinguished from what stands still, although the colours of both differ from
+the rest."""
 
 from __future__ import annotations
 
@@ -18,7 +19,7 @@ from seeing_wind.engine.settings import ObserveSettings
 
 HEIGHT, WIDTH, FRAMES = 180, 240, 20
 PAN, DRIFT, RADIUS = 5, 3, 26
-"""Pixels a frame that the camera goes to the right, and the disc over the wall; pixels."""
+"""Motion of the camera to the right, and of the disc over the wall [px per frame]; radius of the disc [px]."""
 
 Filmed = tuple[list[np.ndarray], np.ndarray]
 """Frames (H, W, 3) uint8, and masks (T+1, H, W) bool."""
@@ -121,7 +122,7 @@ def box_round(mask: np.ndarray, across: float, down: float) -> tuple[float, floa
 
 @pytest.fixture(scope="module")
 def whole(alike: tuple[Path, np.ndarray]) -> Observation:
-    """What is seen of it in one go."""
+    """The observation of the clip, made without interruption."""
     path, masks = alike
     return observe(path, ObserveSettings(box=box_round(masks[0], 12.0, 12.0), distance=1.0), NoProgress())
 

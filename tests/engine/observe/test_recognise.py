@@ -1,4 +1,4 @@
-"""Points that were hidden and come out again: found by what they look like, and only where they are."""
+"""Points that were hidden and reappear: they are found by their appearance, and only where they really are."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ MOTIONS = [
     np.array([[1.0, 0.0, 75.0], [0.05, 1.0, 55.0]]),
     np.array([[0.8, 0.2, 120.0], [-0.25, 0.95, 80.0]]),
 ]
-"""Of the printed square into each frame, (2, 3)."""
+"""Affine maps (2, 3) of the printed square into each frame."""
 
 
 def print_of(seed: int) -> np.ndarray:
@@ -34,7 +34,7 @@ def print_of(seed: int) -> np.ndarray:
 
 
 def filmed(prints: list[np.ndarray | None]) -> tuple[np.ndarray, Masks]:
-    """Frames (T+1, H, W, 3) uint8 and masks, with this print in each, or with none where it is hidden."""
+    """Frames (T+1, H, W, 3) uint8 and masks, each with its print, or without one (None) where it is hidden."""
     rng, frames, masks = np.random.default_rng(3), [], []
     behind = noise(rng, (HEIGHT, WIDTH), (70, 75, 80), (110, 115, 120), 2.0)
     for one, motion in zip(prints, [*MOTIONS, MOTIONS[-1]]):

@@ -1,4 +1,4 @@
-"""A body that turns its back: new tracks on the side that frame 0 did not show, and where they are on the body."""
+"""A body that turns around: new tracks on the side that frame 0 did not show, and where they are on the body."""
 
 from __future__ import annotations
 
@@ -18,14 +18,15 @@ from seeing_wind.engine.settings import BuildSettings, ObserveSettings
 from seeing_wind.engine.stages import build_body, track_targets
 
 SIDE, DEPTH, FOCAL, DISTANCE, FRAMES = 0.30, 0.03, 300.0, 1.0, 14
-"""A square board [m], half its thickness to either side, that turns about an upright axis by 160 degrees in so many frames."""
+"""Side and thickness [m] of a square board, focal length [px], distance [m], and number of frames in which the board turns by 160 degrees
+about an upright axis."""
 
 ANGLES = np.radians(np.linspace(0.0, 160.0, FRAMES))
 CAMERA = Camera(WIDTH, HEIGHT, FOCAL, FOCAL, (WIDTH - 1) / 2, (HEIGHT - 1) / 2, front_view(DISTANCE))
 
 
 def turned(points: np.ndarray, t: int) -> np.ndarray:
-    """Board points (K, 3) [m] in frame t: world axes, the camera looks along +Y."""
+    """Points (K, 3) [m] of the board as they are in frame t, in world axes; the camera looks along +Y."""
     c, s = np.cos(ANGLES[t]), np.sin(ANGLES[t])
     return points @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]).T
 
@@ -92,7 +93,7 @@ def body(seen: Observation) -> Body:
 
 
 def back_points(xy: np.ndarray, t: int) -> np.ndarray:
-    """(K, 3) where the back face is under pixels (K, 2) of frame t, in the board's axes; NaN off the face."""
+    """Points (K, 3) [m] of the back face, in the board's axes, that are seen at pixels `xy` (K, 2) of frame t; NaN off the face."""
     eye = CAMERA.pose(0)[:3, 3]
     ray = CAMERA.unproject(xy, np.ones(len(xy))) - eye
     turn = turned(np.eye(3), t)  # rows: the board's axes in the world

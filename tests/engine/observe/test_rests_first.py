@@ -1,4 +1,4 @@
-"""The outline from a box round what rests in the first frames, until something comes from outside the box and pushes it."""
+"""The outline from a box around an object that rests in the first frames, until something comes from outside the box and pushes it."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from seeing_wind.engine.settings import ObserveSettings
 
 HEIGHT, WIDTH = 240, 320
 RESTS, PUSHED = 8, 8
-"""Frames in which the block lies still, and in which it moves."""
+"""Numbers of frames in which the block lies still, and in which it moves."""
 
 
 def pushed_block(shade: float, ruled: bool) -> tuple[np.ndarray, np.ndarray]:
     """Frames (T+1, H, W, 3) uint8 and masks (T+1, H, W): a patterned block, pushed to the left by 3 px a frame.
 
-    It never quite leaves its place. The finger that comes and pushes it puts it in the `shade`. The mat is dark and `ruled` with bright
-    lines, or has the block's colours.
+    It never quite leaves its place. The finger that pushes it puts it in the `shade`. The mat is dark and `ruled` with bright lines, or has
+    the block's colours.
     """
     rng = np.random.default_rng(6)
     rows, columns = np.mgrid[:HEIGHT, :WIDTH]

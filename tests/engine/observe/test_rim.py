@@ -1,4 +1,5 @@
-"""What hangs on a silhouette and is not the object: its shadow, what its box cuts through, and what the filter took off a small one."""
+"""Parts at a silhouette that are not the object: its shadow and things that the box cuts through; and what a filter removes from a small
+object."""
 
 from __future__ import annotations
 

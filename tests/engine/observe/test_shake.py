@@ -1,4 +1,4 @@
-"""A camera that trembles: its turns are found, taken out, and kept as poses."""
+"""A trembling camera: its rotations are found, removed from the images, and kept as poses."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def test_turns_are_found(trembling: tuple[Scene, np.ndarray]) -> None:
 
 @pytest.fixture(scope="module")
 def seen_whole(trembling: tuple[Scene, np.ndarray]) -> tuple[Observation, list[dict]]:
-    """What is seen in one go, and what is told meanwhile."""
+    """The observation made without interruption, and the messages sent meanwhile."""
     told: list[dict] = []
     return observe(trembling[0].path, ObserveSettings(box=trembling[0].box, distance=DISTANCE), Progress(told.append)), told
 

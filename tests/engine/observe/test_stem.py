@@ -1,4 +1,4 @@
-"""A thing on a stem, its foot below the frame, before a still wall of strong grain: the outline, the held place and the parts."""
+"""An object on a stem whose foot is below the frame, before a still wall with strong grain: its outline, held place and parts."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ HEIGHT, WIDTH, FRAMES = 200, 150, 16
 GRAIN = 10.0
 """Standard deviation of a pixel's grain [grey levels]."""
 CUT = 30.0
-"""Pixels from the frame's lower edge down to the clamp."""
+"""Distance [px] from the frame's lower edge down to the clamp."""
 
 
 @pytest.fixture(scope="module")

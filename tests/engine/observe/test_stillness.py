@@ -1,4 +1,4 @@
-"""Whether the camera stands still where so much moves that no corner stays."""
+"""Whether the camera stands still, in clips in which so much moves that no corner stays in place."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ CAMERA, _ = find_camera(ObserveSettings(distance=1.0), WIDTH, HEIGHT, COUNT, 0, 
 
 
 def leaves(camera: np.ndarray) -> np.ndarray:
-    """Frames (COUNT, HEIGHT, WIDTH, 3) of twelve patterned leaves that drift each its own way before a meadow out of focus.
+    """Frames (COUNT, HEIGHT, WIDTH, 3) of twelve patterned leaves that drift independently before a meadow out of focus.
 
     `camera` (COUNT, 2) [px]: how far the frame has moved over the meadow and the leaves.
     """

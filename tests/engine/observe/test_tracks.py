@@ -1,4 +1,4 @@
-"""Tracks against known motion: corners, the centroid of small things, files, and a rendered scene."""
+"""Tracks against known motion: corners, the centroid of small objects, files, and a rendered scene."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A clip of high resolution: looked at in a smaller copy, reported in its own pixels."""
+"""A clip of high resolution: processed in a smaller copy, with results in its own pixels."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from seeing_wind.engine.progress import NoProgress
 from seeing_wind.engine.settings import ObserveSettings
 
 TIMES, FRAMES = 8, 4
-"""How many times larger the disc's clip is made: 1760 x 1280; and how much of it."""
+"""Factor by which the disc's clip is enlarged, to 1760 x 1280; and how many of its frames are used."""
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +30,7 @@ def large(disc: Scene, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def outward(xy: np.ndarray) -> np.ndarray:
-    """Pixels of the disc's own clip in the large one."""
+    """Pixels of the disc's original clip, converted to those of the large one."""
     return (xy + 0.5) * TIMES - 0.5
 
 

@@ -1,4 +1,4 @@
-"""The modes and knots in which a force is written."""
+"""The modes and knots that represent a force."""
 
 
 import numpy as np

@@ -1,4 +1,4 @@
-"""A solve that is killed goes on where it was, and finds the same to the last bit."""
+"""A solve that is killed continues from its last checkpoint, with the same result to the last bit."""
 
 from __future__ import annotations
 
@@ -34,11 +34,11 @@ CLAY = replace(RUBBER, name="clay", law="von_mises", yield_stress=100.0)
 
 
 class Killed(BaseException):
-    """What no part of the solve expects."""
+    """An exception that no part of the solve expects."""
 
 
 class Dying(TakeJournal):
-    """A journal whose process dies after it was written so many times."""
+    """A journal whose process dies after a given number of writes."""
 
     left = 0
 
@@ -81,7 +81,7 @@ def clay_by_descent(journal: Journal) -> Recovery:
 
 
 def killed_until_done(take: Take, work: Callable[[Journal], R], seed: int, most: int = 24) -> tuple[R, int]:
-    """The result of `work`, and how often it was killed on the way, each time after less than `most` checkpoints."""
+    """The result of `work`, and how often it was killed before that, each time after fewer than `most` checkpoints."""
     random = np.random.default_rng(seed)
     for kills in range(1000):
         journal = Dying(take, "stamp", NoProgress())
@@ -155,7 +155,7 @@ def job(folder: Path) -> Recovery:
 @pytest.mark.slow
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="Windows has another way")
 def test_kill_9(tmp_path: Path) -> None:
-    """At moments of another process that nobody chose, each at least one checkpoint further on than the last."""
+    """The job, in another process, is killed at arbitrary moments, each at least one checkpoint after the last."""
     random, take, kills = np.random.default_rng(3), Take(tmp_path / "killed.take"), 0
     root = Path(__file__).parents[3]
     while kills < 2:

@@ -1,4 +1,4 @@
-"""A clamp that moves: its motion is told from a force."""
+"""A moving clamp: its motion is distinguished from a force."""
 
 from dataclasses import replace
 
@@ -20,7 +20,7 @@ POST = Material("post", "corotated", density=500.0, youngs_modulus=2e4, poisson_
 FRAMES = 16
 WIND = np.array([1.5, 0.0, 0.0])
 SWAY = np.array([0.0, 0.02, 0.01])
-"""Metres to one side of where it begins."""
+"""Displacement [m] of the clamp to one side of its start."""
 TILT = np.radians(10.0) * np.array([0.6, 0.0, 0.8])
 
 
@@ -29,7 +29,7 @@ def post():
 
 
 def swayed(body, time):
-    """Where a clamp that sways and turns, from rest, has the places of `body` at `time` (n,) [frames]: (n, N, 3)."""
+    """Positions (n, N, 3) of `body` at `time` (n,) [frames], carried rigidly by a clamp that sways and turns, starting at rest."""
     way = 0.5 * (1.0 - np.cos(2.0 * np.pi * time / FRAMES))
     turn = Rotation.from_rotvec(way[:, None] * TILT).as_matrix()
     centre = body.x[body.pinned].mean(axis=0)
@@ -38,7 +38,7 @@ def swayed(body, time):
 
 @pytest.fixture(scope="module")
 def filmed():
-    """A post in a wind whose foot sways, moved by the solver's own moving clamps."""
+    """A post in a wind, with a swaying foot that the solver's own moving clamp moves."""
     body = post()
     path = swayed(body, np.arange(FRAMES + 1.0))[:, body.pinned]
     model, _ = model_for(body, POST, FPS, gravity=(0, 0, 0), pin_path=path)

@@ -1,4 +1,4 @@
-"""How long a solve takes, told beforehand: by its size, at the speed of this machine, and nothing where nothing is known."""
+"""The estimate of how long a solve will take, from its size and this machine's speed; none where the speed is not known."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from seeing_wind.engine.take import Take
 from tests.engine.recovery.bodies import FPS, RUBBER, plate, points
 
 MEASURED = cost._measured
-"""As it is without tests/engine/conftest.py."""
+"""The function itself, which tests/engine/conftest.py replaces."""
 SPEED = Speed(copy=2e-7, base=2e-6, change=2e-8)
 CLAY = dataclasses.replace(RUBBER, law="von_mises", yield_stress=2e3)
 
 
 @pytest.fixture
 def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty place for what is measured."""
+    """An empty folder for the measured speed."""
     monkeypatch.setenv("TI_OFFLINE_CACHE_FILE_PATH", str(tmp_path / "kernels"))
     return tmp_path / "kernels" / cost.FILE
 
 
 def seconds(body=None, material: Material = RUBBER, frames: int = 24, points: int = 40, **settings) -> float:
-    """Of a solve on a machine of known speed."""
+    """Estimated seconds of a solve on a machine of known speed."""
     work = work_of(plate() if body is None else body, material, FPS, frames, points, RecoverSettings(**settings))
     assert work is not None
     return work.seconds(SPEED)

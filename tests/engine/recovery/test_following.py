@@ -1,4 +1,7 @@
-"""Bodies that the first field loses: told from noise, followed again finely, believed less; breakdowns on the way lose nothing."""
+"""Bodies that the first field fails to follow: they are distinguished from noise, followed again in finer steps and trusted less.
+
+A breakdown on the way loses nothing.
+"""
 
 from dataclasses import replace
 from pathlib import Path
@@ -74,7 +77,7 @@ def test_noise_as_it_was_declared_is_not_straying_however_few_the_tracks(count):
 
 
 def in_a_wave(shape, strength):
-    """A soft sheet in a wave of `strength` that runs along it, seen in pixels: body, rubber, trajectory, wind, targets."""
+    """A soft sheet in a wave of the given strength that runs along it, seen in pixels: body, material, trajectory, wind, targets."""
     body, soft = sheet(shape), replace(RUBBER, youngs_modulus=1e3)
 
     def wave(X, t):
@@ -97,7 +100,7 @@ def found(rippling, progress=None, **changed):
 
 @pytest.fixture(scope="module")
 def usual(rippling):
-    """The recovery that is content with the usual pace."""
+    """The recovery at the usual pace."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(block, "strayed", lambda *given: 0.0)
         return found(rippling)
@@ -208,7 +211,7 @@ def test_what_was_simulated_is_not_simulated_again_and_the_same_to_the_last_bit(
 
 
 class Simulations(Journal):
-    """Counts those that begin."""
+    """A journal that counts the simulations that begin."""
 
     count = 0
 

@@ -1,4 +1,4 @@
-"""The journal of a long computation: what a crash costs, and that nothing else changes."""
+"""The journal of a long computation: how much work a crash costs, and that it changes nothing else."""
 
 from __future__ import annotations
 
@@ -28,17 +28,17 @@ class Part:
 
 
 class Killed(BaseException):
-    """What no computation expects."""
+    """An exception that no computation expects."""
 
 
 @pytest.fixture
 def eager(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Everything is written at once."""
+    """The journal writes everything immediately."""
     monkeypatch.setattr(journals, "LATEST", 0.0)
 
 
 def computation(journal: Journal, done: list[str], dies_at: int = -1) -> np.ndarray:
-    """Three parts, each of two arrays and a loop of four rounds, each following from those before; `done` tells what was worked out."""
+    """Three parts, each with two arrays and a loop of four rounds, each depending on those before; `done` collects what was computed."""
 
     def work(name: str) -> None:
         if len(done) == dies_at:

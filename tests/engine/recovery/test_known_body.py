@@ -17,7 +17,7 @@ from seeing_wind.engine.settings import RecoverSettings
 from tests.engine.recovery.bodies import FPS, RUBBER, WEIGHTLESS, blow, plate, points, relative
 
 SOFT = replace(RUBBER, youngs_modulus=0.75 * RUBBER.youngs_modulus)
-"""What is assumed of a body of RUBBER."""
+"""The material that is assumed for a body of RUBBER."""
 RINGS = 18
 
 
@@ -31,7 +31,7 @@ def kick(X, t):
 
 
 def breath(X, t):
-    """A slow push that rises through the clip: half a swing, which tells little of a stiffness."""
+    """A slow push that rises through the clip: half a swing, which says little about the stiffness."""
     return np.zeros_like(X) + [0.4 * t, 0.0, 0.0]
 
 
@@ -42,7 +42,7 @@ def error(found, body, wind):
 
 @pytest.fixture(scope="module")
 def rung():
-    """A kicked post: its points, the wind, and what is found from them when it is said when the air is still."""
+    """A kicked post: its points, the wind, and the recovery that is told in which frames the air is still."""
     body = post()
     x, wind = blow(body, kick, RINGS)
     seen = [points(body, x)]

@@ -34,7 +34,7 @@ def blown():
 
 @pytest.fixture
 def followed(monkeypatch):
-    """Blocks of ten or so frames; the first frames of those that were followed from the start."""
+    """Blocks of about ten frames; returns the first frames of the blocks that were followed from the start."""
     monkeypatch.setattr(sys.modules["seeing_wind.engine.recovery.blocks"], "PACE", replace(PACE, block=12, overlap=4))
     found, follow = [], blocks.follow
     monkeypatch.setattr(blocks, "follow", lambda solver, *rest: found.append(solver.objective.first) or follow(solver, *rest))

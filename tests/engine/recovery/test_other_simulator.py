@@ -1,4 +1,4 @@
-"""A force must come back from motion that another simulator made: where solver and truth are the same code, both may be wrong alike.
+"""A force must be recovered from motion made by another simulator: if solver and truth are the same code, both may have the same error.
 
 `genesis_post.npz` is eight frames of a square post of 6 x 5 x 40 cm, held at its upper end, in Genesis 1.4.5's own material point method
 (grid of 48 nodes per metre, 150 substeps a frame): 482 particles, E 0.2 MPa, 500 kg/m³, no gravity, in gusts that change along the post and

@@ -1,4 +1,4 @@
-"""Points in 3D that slip, that are seen less well along one axis, or that make no sense."""
+"""Points in 3D that slip, that are less certain along one axis, or that make no sense."""
 
 from dataclasses import replace
 
@@ -77,12 +77,12 @@ def test_a_held_body_may_stray_slowly():
 
 
 TURN = np.linalg.qr(np.array([[1.0, 0.3, 0.2], [0.5, 1.0, 0.0], [0.4, 0.1, 1.0]]))[0]
-"""Axes of a body that lies askew, in columns; it is held at its end towards -TURN[:, 0], and bends towards TURN[:, 2]."""
+"""Axes (columns) of a body that lies askew to the world's; it is held at its end towards -TURN[:, 0] and bends towards TURN[:, 2]."""
 CLAMP = -0.255
 
 
 def bent(straight, curvature, stretch=0.0):
-    """(T+1, N, 3) a body that is bent to circles of curvatures (T+1,) [1/m] from its clamp on, its sections upright on the circle."""
+    """Positions (T+1, N, 3) of a body bent from its clamp on to circles of `curvature` (T+1,) [1/m], its sections perpendicular to them."""
     along = np.clip(straight.x[:, 0] - CLAMP, 0.0, None)
     k, s = np.asarray(curvature)[:, None] + 1e-9, (1.0 + stretch) * along
     held = np.minimum(straight.x[:, 0], CLAMP)

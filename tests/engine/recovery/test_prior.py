@@ -1,4 +1,4 @@
-"""What is believed of a force beforehand, and how its sizes are learnt."""
+"""The prior of the force, and how its sizes are learnt."""
 
 from dataclasses import replace
 
@@ -135,7 +135,7 @@ def test_stretch_is_held_down_and_turning_is_not() -> None:
     extra = stretch_precision(rows, np.eye(len(rows)), space, np.eye(3), 0.1)
 
     def cost(gradient: np.ndarray) -> float:
-        """Of the field whose derivative with respect to the rest position is `gradient`."""
+        """The cost of the field whose derivative with respect to the rest position is `gradient`."""
         wanted = x @ gradient.T
         c = np.linalg.lstsq(basis.phi, wanted, rcond=None)[0]
         theta = np.tile(c.ravel(), len(rows))

@@ -1,4 +1,4 @@
-"""Known winds on small bodies, made by the same solver, must come back; what cannot be known must be said."""
+"""Known winds on small bodies, made by the same solver, must be recovered; what cannot be known must be reported."""
 
 from dataclasses import replace
 

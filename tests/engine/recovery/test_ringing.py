@@ -1,4 +1,4 @@
-"""When a held body swings by itself: damped oscillators in closed form, pushed and let go."""
+"""Frames in which a held body swings freely: damped oscillators in closed form, pushed and let go."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ ATTACHMENT = Attachment(np.arange(POINTS)[:, None], np.ones((POINTS, 1)))
 
 
 def swing(force: np.ndarray, frequency: float = 2.0, damping: float = 0.01) -> np.ndarray:
-    """(T+1,) of an oscillator at rest at first, under accelerations (T,) that are held over each frame."""
+    """Displacement (T+1,) of an oscillator that starts at rest, under accelerations `force` (T,) that are constant in each frame."""
     w = 2.0 * np.pi * frequency
     step = expm(np.array([[0.0, 1.0, 0.0], [-(w**2), -2.0 * damping * w, 1.0], [0.0, 0.0, 0.0]]) / FPS)
     state = np.zeros((len(force) + 1, 2))
@@ -26,7 +26,7 @@ def swing(force: np.ndarray, frequency: float = 2.0, damping: float = 0.01) -> n
 
 
 def post(across: np.ndarray, along: np.ndarray | None = None, noise: float = 1e-6) -> PointTargets:
-    """Points up a post whose top is at `across` and `along` (T+1,) [m], with errors [m]."""
+    """Points along a post whose top is displaced by `across` and `along` (T+1,) [m], with errors of size `noise` [m]."""
     up = np.linspace(0.1, 1.0, POINTS)
     x = np.zeros((len(across), POINTS, 3))
     x[..., 0], x[..., 2] = across[:, None] * up**2, up
@@ -36,7 +36,7 @@ def post(across: np.ndarray, along: np.ndarray | None = None, noise: float = 1e-
 
 
 def gusts(seed: int, seconds: float) -> np.ndarray:
-    """(2, T) accelerations [m/s²] that are forgotten after so many seconds."""
+    """Random accelerations (2, T) [m/s²] with a correlation time of `seconds`."""
     kept = np.exp(-1.0 / (FPS * seconds))
     wind, random = np.zeros((2, FRAMES)), np.random.default_rng(seed)
     for t in range(1, FRAMES):

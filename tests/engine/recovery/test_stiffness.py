@@ -1,4 +1,4 @@
-"""A held body's stiffness: found with the force where the clip tells it, and only there."""
+"""A held body's stiffness is recovered with the force where the clip determines it, and only there."""
 
 import sys
 from dataclasses import replace
@@ -38,7 +38,7 @@ def post():
 
 
 def gust(X, t):
-    """A push that ends: what follows is the post's own swing."""
+    """A push that ends; afterwards the post swings freely."""
     return np.zeros_like(X) + [3.0 * (0 <= t < 4), 0.0, 0.0]
 
 
@@ -54,7 +54,7 @@ def filmed(body, x, noise=0.05, seed=0):
 
 
 class AsFound:
-    """The recovered force on the recovered body, without what a field's representation loses."""
+    """The recovered force on the recovered body, without the error of a field's representation."""
 
     kind = "force"
 
@@ -84,7 +84,7 @@ def swing():
 
 @pytest.fixture(scope="module")
 def given(swing):
-    """The recovery that keeps to that material."""
+    """The recovery with that material's stiffness kept."""
     body, tracks, _, _ = swing
     return recover(body, TOO_STIFF, tracks, FPS, GIVEN, NoProgress())
 
@@ -136,7 +136,7 @@ def test_a_damped_body_comes_to_rest_as_it_was_seen_to():
 
 
 def missed(body, material, found, recovery):
-    """How far at most the body of this material, as of `recovery`, is from the motion found, under the force found."""
+    """Largest distance from the recovered motion of a body of this material, with the changes of `recovery`, under the recovered force."""
     cloud = every(body)
     count = len(body.x)
     turn = np.tile([1.0, 0.0, 0.0, 0.0], (count, 1))

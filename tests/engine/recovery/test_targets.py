@@ -151,7 +151,7 @@ def test_wild_points_are_left_out_and_no_others():
 
 
 def test_the_noise_of_frame_0_turns_with_the_body():
-    """Residuals of a body that turns by half, built from noisy points, have the covariance that the channels say they have."""
+    """Residuals of a body that makes half a turn, built from noisy points, have the covariance that the channels state."""
     body, angles = plate((5, 4, 2)), np.linspace(0.0, np.pi, 10)
     turns = np.stack([[[np.cos(a), -np.sin(a), 0.0], [np.sin(a), np.cos(a), 0.0], [0.0, 0.0, 1.0]] for a in angles])
     true = np.einsum("tij,nj->tni", turns, body.x)

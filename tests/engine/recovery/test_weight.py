@@ -1,4 +1,4 @@
-"""A held body bears its weight as it stands in frame 0, unless it is seen to sag."""
+"""A held body is assumed to bear its weight in its shape of frame 0, unless it is seen to sag."""
 
 from dataclasses import replace
 

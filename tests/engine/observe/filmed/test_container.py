@@ -1,4 +1,4 @@
-"""What a file says of itself: bit depth, dynamic range, slow motion, high rates."""
+"""What a file's metadata state: bit depth, dynamic range, slow motion, high rates."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def box(kind: bytes, content: bytes) -> bytes:
 
 
 def captured(rate: float) -> bytes:
-    """What Android's camera says of slow motion."""
+    """The metadata that Android's camera writes for slow motion."""
     key = b"com.android.capture.fps"
     keys = box(b"keys", struct.pack(">III4s", 0, 1, 8 + len(key), b"mdta") + key)
     value = box(struct.pack(">I", 1), box(b"data", struct.pack(">IIf", 23, 0, rate)))

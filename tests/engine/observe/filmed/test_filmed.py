@@ -1,4 +1,4 @@
-"""How a clip was filmed: each matter provoked on a small made clip, and told; a good clip is told nothing."""
+"""How a clip was filmed: each problem is provoked in a small synthetic clip and must be reported; a good clip must give no report."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from seeing_wind.engine.records import Observation
 from seeing_wind.engine.settings import ObserveSettings
 
 ROOM = noise(np.random.default_rng(4), (HEIGHT + 120, WIDTH + 160), (20, 30, 40), (230, 220, 210), 2.5)
-"""What stands still, with room to pan."""
+"""The still surroundings, larger than the frame so that the camera can pan."""
 SKIN = noise(np.random.default_rng(7), (90, 90), (120, 40, 20), (255, 200, 110), 1.6)
 NOWHERE = np.zeros((HEIGHT, WIDTH), bool)
 
 
 def warped(matrix: np.ndarray, grain: int) -> np.ndarray:
-    """The room through an affine map (2, 3) from room to frame pixels, with grain."""
+    """An image of the room through an affine map (2, 3) from room to frame pixels, with grain."""
     frame = cv2.warpAffine(ROOM, matrix, (WIDTH, HEIGHT), flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
     return np.clip(frame + np.random.default_rng(grain).normal(0, 1.5, frame.shape), 0, 255).astype(np.uint8)
 
@@ -36,7 +36,7 @@ def told(frames: list[np.ndarray]) -> list[str]:
 
 
 def grown(scale: float) -> np.ndarray:
-    """About the frame's middle."""
+    """The affine map that scales about the frame's middle."""
     middle = np.array([WIDTH / 2, HEIGHT / 2])
     return np.column_stack([scale * np.eye(2), middle - scale * (middle + [80, 60])])
 
@@ -62,7 +62,7 @@ def test_sizes_that_jump_are_no_lens_that_refocuses() -> None:
 
 
 def read_by_rows(share: float) -> list[np.ndarray]:
-    """A camera that sways sideways by up to 12 px, its rows read over `share` of the time between frames."""
+    """Frames of a camera that sways sideways by up to 12 px and reads its rows over a `share` of the time between frames."""
     frames = []
     for t in range(24):
         time = t + share * (np.arange(HEIGHT) / HEIGHT)
@@ -124,7 +124,7 @@ def test_panning_past_near_and_far_things_is_told(tmp_path: Path) -> None:
 
 
 def tied(scene: Scene, rope: bool) -> np.ndarray:
-    """The disc with another thing that hangs from it, over its still background."""
+    """The disc with another object hanging from it, before its still background."""
     frames = scene.frames.copy()
     for frame, center in zip(frames, scene.centers):
         if rope:

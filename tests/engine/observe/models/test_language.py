@@ -28,7 +28,7 @@ MASK[20:40, 30:50] = True
 
 @dataclasses.dataclass
 class Seen:
-    """What `ask_material` needs of an observation."""
+    """The part of an observation that `ask_material` needs."""
 
     image: np.ndarray
     masks: np.ndarray

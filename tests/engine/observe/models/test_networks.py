@@ -30,7 +30,7 @@ FRAME = cv2.GaussianBlur(np.random.default_rng(0).integers(0, 255, (48, 64, 3), 
 
 @pytest.fixture(scope="module", autouse=True)
 def one_thread() -> Iterator[None]:
-    """Threads of a busy machine wait for each other longer than these networks think."""
+    """On a busy machine, threads wait for each other longer than these networks take to compute."""
     with one_torch_thread():
         yield
 

@@ -1,4 +1,4 @@
-"""Tiny models with random weights, saved the way that published ones are."""
+"""Tiny models with random weights, saved in the format of the published ones."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The made-up observations as fixtures."""
+"""The synthetic observations as fixtures."""
 
 from tests.engine.observations import ball, plate
 

@@ -20,7 +20,7 @@ def turned(x, y=0.0, z=0.0):
 
 
 def drawn(sides, turn, rounding=0.0, noise=0.0, middle=(0.02, -0.01, 1.0)):
-    """Mask and depth of a box with these sides [m], its axes the columns of `turn`, edges rounded with a radius."""
+    """Mask and depth of a box with `sides` [m], whose axes are the columns of `turn` and whose edges have the radius `rounding` [m]."""
     rows, columns = np.mgrid[: EYE.height, : EYE.width]
     xy = np.stack([columns, rows], axis=-1).reshape(-1, 2).astype(float)
     z, gap, going = np.full(len(xy), 0.5), np.full(len(xy), np.inf), np.arange(len(xy))

@@ -1,4 +1,4 @@
-"""The stage from end to end on made-up observations."""
+"""The stage *build* from end to end on synthetic observations."""
 
 from __future__ import annotations
 

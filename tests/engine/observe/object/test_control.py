@@ -1,4 +1,4 @@
-"""What rides on what."""
+"""Attachments: which particles carry which points."""
 
 from __future__ import annotations
 

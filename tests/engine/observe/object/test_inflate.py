@@ -1,4 +1,4 @@
-"""Rounded bodies: how thick behind their front, and what of them is held. Drawn by marching rays through distance functions."""
+"""Rounded bodies: their thickness behind the front, and which part is held. They are drawn by marching rays through distance functions."""
 
 from collections.abc import Callable
 
@@ -14,13 +14,13 @@ from tests.engine.observations import observed
 
 PIXEL = 1.0 / 400.0
 STEP = 0.002
-"""Of the march along each ray [m]; the bodies are 0.04 m thick and more."""
+"""Step of the march along each ray [m]; the bodies are at least 0.04 m thick."""
 HEAD, STEM = 0.075, 0.022
 Distance = Callable[[np.ndarray], np.ndarray]
 
 
 def looking_down(degrees: float) -> Camera:
-    """A camera 1 m from the origin that looks at it, so many degrees downwards; the frame's y is down, the world's -y up."""
+    """A camera 1 m from the origin that looks at it, `degrees` downwards. The image's y points down, the world's -y up."""
     c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
     pose = np.eye(4)
     pose[:3, :3] = [[1, 0, 0], [0, c, s], [0, -s, c]]
@@ -29,7 +29,7 @@ def looking_down(degrees: float) -> Camera:
 
 
 def drawn(inside: Distance, camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Mask, depth of the front, and thickness along the view (H, W) of what `inside` is negative in."""
+    """Mask, depth of the front, and thickness along the view, each (H, W), of the body in which `inside` is negative."""
     rows, columns = np.mgrid[: camera.height, : camera.width]
     xy = np.stack([columns, rows], axis=-1).reshape(-1, 2).astype(float)
     steps = np.arange(0.8, 1.2, STEP)
@@ -52,7 +52,7 @@ def lollipop(flat: float) -> Distance:
 
 @pytest.fixture(scope="module")
 def round_lollipop() -> tuple[Camera, np.ndarray, np.ndarray, np.ndarray]:
-    """Seen straight on: camera, and what `drawn` gives."""
+    """A round lollipop seen straight on: the camera and the results of `drawn`."""
     camera = looking_down(0.0)
     return camera, *drawn(lollipop(1.0), camera)
 

@@ -24,7 +24,7 @@ STEP = np.array([3.0, 0.0])
 
 
 def sliding(plate: Observation, late: list[list[float]]) -> Observation:
-    """The plate on its way, with tracks that begin at the pixels `late` of frame 1 and go along with it."""
+    """The sliding plate, with tracks that begin at the pixels `late` of frame 1 and move with it."""
     early = plate.xy + np.arange(3)[:, None, None] * STEP
     later = np.array(late)[None] + (np.arange(3)[:, None, None] - 1.0) * STEP
     xy = np.concatenate([early, later], axis=1)

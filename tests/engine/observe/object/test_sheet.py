@@ -1,4 +1,4 @@
-"""A thin sheet, from its tracks: a rectangle that is rolled to and fro about its held edge, whose lengths stay exactly."""
+"""A thin sheet from its tracks: a rectangle that is rolled to and fro about its held edge without any change of lengths."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def grid(columns: int = 12, rows: int = 9) -> tuple[np.ndarray, np.ndarray]:
 
 
 def camera(side: tuple[float, float, float]) -> Camera:
-    """One metre from the sheet's middle, on the side named."""
+    """A camera one metre from the sheet's middle, in the direction `side`."""
     back = np.array(side) / np.linalg.norm(side)
     right = np.cross(-back, [0.0, 0.0, 1.0])
     right /= np.linalg.norm(right)
@@ -69,7 +69,7 @@ def truth() -> np.ndarray:
 
 
 def sight(side: tuple[float, float, float] = (-0.4, -1.0, 0.2), count: int = 120, noise: float = NOISE, seed: int = 0) -> Sight:
-    """Tracks of points anywhere on the sheet."""
+    """Tracks of points at random places on the sheet, seen from `side`."""
     rng, seen_by = np.random.default_rng(seed), camera(side)
     flat = rng.uniform(0.02, 0.98, (count, 2)) * [WIDTH, HEIGHT]
     xy = np.stack([seen_by.project(rolled(flat, t))[0] for t in range(FRAMES + 1)])

@@ -1,4 +1,4 @@
-"""The paper's own scheme: its loss falls, a known wind comes back, its objectives have the derivatives that they claim."""
+"""The paper's own scheme: its loss falls, a known wind is recovered, and the derivatives of its objectives are right."""
 
 from dataclasses import replace
 
@@ -71,13 +71,13 @@ def test_a_uniform_wind_comes_back_frame_by_frame(representation):
     assert np.abs(found.force_density - want).max() < 0.15 * np.linalg.norm(want)
     assert found.force_density.shape == (2, 27, 3) and found.F.shape == (3, 27, 3, 3) and found.residual_unit == "m"
     misfits = [one["misfit"] for one in told if "misfit" in one]
-    assert misfits[0] > 0.5 and misfits[-1] < 0.02  # about one without any force
+    assert misfits[0] > 0.5 and misfits[-1] < 0.02  # the misfit is about 1 without any force
     assert distill(found, body, FPS, "point").sample(body.x, 0)[1].mean() > 0.5
 
 
 @pytest.mark.parametrize("pixels", [True, False])
 def test_a_field_that_misses_much_of_the_motion_is_told_to_be_of_no_use(pixels):
-    """A post that is blown, held at its foot; and the same when all of it but the top is said to be held."""
+    """A post in a wind, held at its foot; and the same post with all of it but the top marked as held."""
     body = block()
     foot = body.x[:, 2] < -0.02
     x = blown(replace(body, pinned=foot), np.array([8.0, 0.0, 0.0]), 3)

@@ -1,4 +1,4 @@
-"""Refining: the stored field's own simulation comes nearer to what was recovered, by derivatives that are right."""
+"""Refinement: a simulation in the stored field comes nearer to the recovered motion, and its derivatives are right."""
 
 from dataclasses import replace
 
@@ -26,7 +26,7 @@ REFINED = replace(WEIGHTLESS, refine=5)
 
 @pytest.fixture(scope="module")
 def known():
-    """A body, and a recovery that knows the wind that moved it."""
+    """A body, and a recovery that holds the true wind."""
     body = plate((6, 4, 2))
     x, wind = blow(body, lambda X, t: [2.0 * np.cos(0.3 * t), 0.5, 1.0] + X @ SLOPE, FRAMES)
     eye = np.tile(np.eye(3), (*x.shape[:2], 1, 1))
@@ -36,7 +36,7 @@ def known():
 
 @pytest.fixture(scope="module", params=["causal_triplane", pytest.param("kplanes", marks=pytest.mark.slow)])
 def rough(request, known):
-    """A field that was distilled in haste."""
+    """A coarsely distilled field."""
     body, recovery = known
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(distillation, "ITERATIONS", 60)
@@ -66,7 +66,7 @@ def test_the_body_strays_less_and_the_force_stays(known, rough):
 
 
 def test_the_derivatives_are_those_of_the_loss(known, rough):
-    """Within one segment, where nothing is cut."""
+    """Within one segment, where no derivatives are cut."""
     body, recovery = known
     force, deviation, x, F = recovery.force_density[:4], recovery.deviation[:4], recovery.x[:5], recovery.F[:5]
     short = replace(recovery, force_density=force, deviation=deviation, x=x, F=F)

@@ -1,4 +1,4 @@
-"""Meshes for the tests of this room."""
+"""Meshes for the tests in this folder."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def sheet() -> Callable[..., tuple[np.ndarray, np.ndarray]]:
 
 @pytest.fixture
 def folder(tmp_path, sheet) -> Path:
-    """With a box and a flag as files."""
+    """A folder with a box and a flag as files."""
     trimesh = pytest.importorskip("trimesh")
     trimesh.creation.box((0.2, 0.2, 0.2)).export(tmp_path / "box.obj")
     vertices, triangles = sheet(0.3, 0.2)

@@ -1,4 +1,4 @@
-"""Known fields, and edits simulated in it."""
+"""Known fields, and edits simulated in them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A preview of an edit: fewer particles, longer substeps, fewer frames, and nearly the full result's motion."""
+"""A preview of an edit: fewer particles, longer substeps and fewer frames, but nearly the motion of the full result."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def block(folder, name: str, *size: float) -> BodyEdit:
 
 
 def off(coarse, full) -> float:
-    """Distance of a preview from the full result over the way that the full one went, both root mean squares."""
+    """Distance of a preview from the full result, relative to how far the full result moves; both are root mean squares."""
     return float(np.linalg.norm(coarse.vertices - full.vertices) / np.linalg.norm(full.vertices - full.vertices[0]))
 
 

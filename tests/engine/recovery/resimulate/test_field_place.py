@@ -1,4 +1,4 @@
-"""A field that stands elsewhere than it was recovered, and what is left of it beside its box."""
+"""A field that is moved away from where it was recovered, and what is left of it outside its box."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tests.engine.recovery.resimulate.edits import FPS, FRAMES, SOFT, WEIGHTLESS
 trimesh = pytest.importorskip("trimesh")
 
 QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-"""About Z: +X goes to +Y."""
+"""A quarter turn about Z: +X becomes +Y."""
 
 
 def matrices(turn=np.eye(3), shift=(0.0, 0.0, 0.0)) -> np.ndarray:
@@ -24,7 +24,7 @@ def matrices(turn=np.eye(3), shift=(0.0, 0.0, 0.0)) -> np.ndarray:
 
 
 def speed(body) -> np.ndarray:
-    """(T, 3) of its middle between frames [m/s]."""
+    """Velocity (T, 3) [m/s] of the body's centre between frames."""
     return np.diff(body.vertices.mean(axis=1), axis=0) * FPS
 
 
@@ -101,7 +101,7 @@ def test_a_body_beside_a_field_that_fades_is_left_alone(folder):
 
 
 def seen(field, step=0.0):
-    """A field that was recovered from a cube of particles about the origin, which moves along X by so much a frame [m]."""
+    """A field that was recovered from a cube of particles around the origin, which moves along X by `step` [m] per frame."""
     side = np.linspace(-0.15, 0.15, 7)
     cube = np.stack(np.meshgrid(side, side, side), axis=-1).reshape(-1, 3)
     at = cube + np.arange(FRAMES)[:, None, None] * np.array([step, 0.0, 0.0])

@@ -1,4 +1,4 @@
-"""Further forces on a lattice move bodies beside the field."""
+"""Further forces on a lattice move bodies, in addition to the field."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ pytest.importorskip("trimesh")
 
 NOTHING = {"field": uniform((0.0, 0.0, 0.0)), "forces": "forces.npz"}
 BOX_MASS = 0.2**3 * 500.0
-"""kg of `box.obj` with `SOFT`."""
+"""Mass [kg] of `box.obj` with the material `SOFT`."""
 
 
 def lattice(folder, force, frames=FRAMES, **more) -> None:
-    """Forces that are the same at all of 3 x 3 x 3 nodes: force (3,) or (T, 3) [N], others likewise."""
+    """Write a lattice of 3 x 3 x 3 nodes with the same values at all nodes: `force` (3,) or (T, 3) [N], and others in `more`."""
 
     def everywhere(value, inner):
         value = np.asarray(value, dtype=np.float32)
@@ -31,7 +31,7 @@ def lattice(folder, force, frames=FRAMES, **more) -> None:
 
 
 def velocity(body) -> np.ndarray:
-    """(T, 3) of its middle between frames [m/s]."""
+    """Velocity (T, 3) [m/s] of the body's centre between frames."""
     return np.diff(body.vertices.mean(axis=1), axis=0) * FPS
 
 

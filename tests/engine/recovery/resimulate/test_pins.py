@@ -1,4 +1,4 @@
-"""Pinned vertices hold, and what the clip held can be let go."""
+"""Pinned vertices hold, and parts that were held in the clip can be released."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Open meshes of thin materials are shells: their mass, their motion, what they refuse."""
+"""Open meshes of thin materials become shells: their mass, their motion, and which edits are refused."""
 
 from __future__ import annotations
 
@@ -178,7 +178,7 @@ def test_a_shell_says_that_it_touches_no_other_body(folder):
 
 
 def swing(rest: np.ndarray, frames: int) -> np.ndarray:
-    """Positions (T+1, P, 3) of what is turned by half a radian about the vertical through the origin and lifted by 0.2 m."""
+    """Positions (T+1, P, 3) of points that are turned by half a radian about the vertical through the origin and lifted by 0.2 m."""
     way = []
     for share in np.linspace(0.0, 1.0, frames + 1):
         c, s = np.cos(0.5 * share), np.sin(0.5 * share)

@@ -1,4 +1,4 @@
-"""Inserted meshes move as physics and the edit say."""
+"""Inserted meshes move as physics and the edit require."""
 
 from __future__ import annotations
 
@@ -144,7 +144,7 @@ def test_a_hammer_that_moves_drives_bodies_before_it(folder, mesh, material):
 
 
 def test_pins_and_colliders_go_their_way_once_in_a_wind_too(folder):
-    """A light body loses its speed within a frame, which is then simulated in parts: each goes a part of the way."""
+    """A light body loses its speed within a frame, which is therefore simulated in parts."""
     vertices = np.load(folder / "flag.npz")["vertices"]
     pins = np.flatnonzero(vertices[:, 0] < 1e-6)
     np.save(folder / "pins.npy", pins)

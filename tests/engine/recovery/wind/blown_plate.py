@@ -1,4 +1,4 @@
-"""A plate that the wind blows along, by the closed form of its motion, as a recovery would hand it on.
+"""A plate that the wind blows along, by the closed form of its motion, in the form of a recovery.
 
 Across the wind, from rest and without gravity, it reaches v(t) = u (1 - 1 / (1 + k u t)) with k = rho C_n / (2 m''), m'' its mass per area.
 """
@@ -23,7 +23,7 @@ def plate_particles() -> Particles:
 def travelled(
     t: np.ndarray | float, areal_density: float = AREAL_DENSITY, speed: float = SPEED, coefficient: float = 1.17
 ) -> np.ndarray | float:
-    """Way [m] after t seconds: the integral of the closed form."""
+    """Distance [m] travelled after t seconds: the integral of the closed form."""
     k = 1.2 * coefficient / (2.0 * areal_density)
     return speed * t - np.log1p(k * speed * t) / k
 

@@ -1,4 +1,4 @@
-"""A small flag, or a sheet let go, in a wind that varies: moved by our solver with short substeps, the drag by a code of its own."""
+"""A small flag, or a released sheet, in a varying wind: moved by our solver with short substeps, with an independent code for the drag."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def drag(u: np.ndarray, x: np.ndarray, v: np.ndarray, faces: np.ndarray) -> np.n
 def blown(
     noise: float = 0.0, held: bool = True, air: Callable[[np.ndarray, float], np.ndarray] = wind
 ) -> dict[str, np.ndarray]:
-    """A trajectory file's arrays, with the wind (T, V, 3) in the middle of each frame as truth."""
+    """The arrays of a trajectory file, with the true wind (T, V, 3) [m/s] in the middle of each frame."""
     x, faces = mesh()
     fixed = (x[:, 0] < 1e-9) & held
     shell = shell_of(x, faces, Sheet(AREAL, THICKNESS, E * THICKNESS, E * THICKNESS**3 / 12.0, 0.1), pinned=fixed)

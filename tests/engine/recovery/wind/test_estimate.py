@@ -1,4 +1,4 @@
-"""The wind from what a body felt, against the closed form of a plate that is blown along."""
+"""The wind from the force on a body, against the closed form of a plate that the wind blows along."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The wind on a flag that one camera films, by the verbs: clip, mask, depth and tracks in, wind and a re-simulation out."""
+"""The wind on a flag filmed by one camera, through the verbs: from clip, mask, depth and tracks to the wind and a re-simulation."""
 
 from __future__ import annotations
 

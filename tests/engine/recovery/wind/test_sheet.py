@@ -257,7 +257,7 @@ def test_a_sheet_that_was_not_followed_is_told_to_be_of_no_use(file, tmp_path, m
 
 
 def found_wind(cause, doubt, speed=4.0):
-    """So many m/s along x, as little known as that; more probable than a force of its own."""
+    """An estimate of a wind of `speed` [m/s] along x with a relative deviation of `doubt`; more probable than a force of its own."""
     velocity = np.broadcast_to([speed, 0.0, 0.0], (3, 5, 3))
     deviation, nothing = np.full(velocity.shape, doubt * speed / np.sqrt(3.0)), np.zeros(velocity.shape)
     evidence = 9.0 if cause == "wind" else 1.0

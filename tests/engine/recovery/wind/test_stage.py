@@ -1,4 +1,4 @@
-"""The stage: what it leaves in a take, and what the verbs make of it."""
+"""The stage *wind*: what it writes into a take, and how the verbs use that."""
 
 from __future__ import annotations
 

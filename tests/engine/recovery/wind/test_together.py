@@ -1,4 +1,4 @@
-"""One wind from several bodies: what one cannot tell, another does; and the verb that leaves it in the takes."""
+"""One wind from several bodies: what one body does not determine, another does; and the verb that writes it into the takes."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from tests.engine.recovery.wind.blown_plate import DENSITY, FPS, plate_particles
 
 FRAMES, SIDES = 12, (0.2, 0.16, 0.02)
 NOISE = 2.0
-"""m/s² of the recovered accelerations, of which the wind on the narrow sides makes about as much."""
+"""Noise [m/s²] of the recovered accelerations; the wind on the narrow sides causes accelerations of about this size."""
 MEAN, GUST = np.array([4.0, 3.0, 0.5]), np.array([1.0, -1.5, 0.5])
 
 
@@ -58,7 +58,7 @@ def blown(seed: int, centre: tuple[float, float, float], normal_to: np.ndarray):
 
 
 def off(velocity: np.ndarray) -> float:
-    """Mean size of the error, relative to the wind's mean size; velocity (T, N, 3)."""
+    """Mean size of the error of `velocity` (T, N, 3) [m/s], relative to the wind's mean size."""
     true = wind_at((np.arange(FRAMES) + 0.5) / FPS)[:, None]
     return float(np.linalg.norm(velocity - true, axis=-1).mean() / np.linalg.norm(true, axis=-1).mean())
 

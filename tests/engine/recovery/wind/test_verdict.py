@@ -1,4 +1,4 @@
-"""What is said of a wind: its number, and the forces that are none."""
+"""What is reported of a wind: its figures, and which forces are not a wind."""
 
 from __future__ import annotations
 

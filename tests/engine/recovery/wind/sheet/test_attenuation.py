@@ -1,4 +1,4 @@
-"""What errors of a followed path do to the forces of the air, and to the wind that fits them."""
+"""The effect of errors in a followed path on the forces of the air and on the fitted wind."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ FRAMES, WIND = 30, np.array([4.0, 0.5, 0.0])
 
 
 def flag():
-    """A flag in FRAMES + 1 frames, along whose length waves of 4 cm run, and its shell."""
+    """A flag in FRAMES + 1 frames, with waves of 4 cm that run along its length, and its shell."""
     rest, faces = mesh(12, 4)
     held = rest[:, 0] < 1e-9
     time = np.arange(FRAMES + 1)[:, None] / FPS
@@ -38,13 +38,13 @@ def problem_of(shell, seen, cause):
 
 
 def steady(problem):
-    """Unknowns of the steady wind WIND."""
+    """The unknowns theta for the steady wind WIND."""
     return np.concatenate([np.zeros(problem.unknowns - 3), WIND])
 
 
 def lasting_errors(rest, size, random):
-    """Errors (T+1, V, 3) [m] in waves over the sheet that last for a few frames, the waves (V, R), and the variance of independent errors
-    with the same second differences."""
+    """Errors (T+1, V, 3) [m] in waves over the sheet, correlated over a few frames; the waves (V, R); and the variance of independent
+    errors with the same second differences."""
     along, across = np.pi * rest[:, 0] / 1.6, np.pi * rest[:, 2] / 0.5
     waves = np.stack([np.sin(k * along) * np.cos(m * across) for k in (1, 3, 5) for m in (0, 1)], axis=1)
     lag = np.sqrt(3.0) * np.abs(np.subtract.outer(np.arange(FRAMES + 1), np.arange(FRAMES + 1))) / 2.3

@@ -1,4 +1,4 @@
-"""How well a wind is known where a sheet hardly tells one of its components."""
+"""The deviation of a wind of which the sheet hardly determines one component."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ BREEZE = 2.5
 
 
 class Plate:
-    """What a plate that does not turn feels of a uniform wind: |u| (u.n), and each component along it within `felt` [m/s]."""
+    """What a plate that does not turn feels of a uniform wind: |u| (u.n), and components along the plate, with deviations `felt` [m/s]."""
 
     cause = None
     basis = spatial_basis(np.zeros((1, 3)), np.ones(1), 1)
@@ -37,7 +37,7 @@ class Plate:
 
 
 class Breeze:
-    """Hardly any gusts, a mean wind of `BREEZE`."""
+    """A prior with hardly any gusts and a mean wind of size `BREEZE`."""
 
     def precision(self):
         return np.diag([1e8] * 3 + [1.0 / BREEZE**2] * 3)
