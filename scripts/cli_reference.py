@@ -49,14 +49,14 @@ def page() -> str:
 
 
 def _usage(name: str, verb: Parser) -> str:
-    """What cannot be left out."""
+    """A verb's usage: its name and the arguments that are required."""
     needed = [action for action in verb._actions if action.required]
     words = [_call(action) for action in sorted(needed, key=lambda action: bool(action.option_strings))]
     return " ".join([name, *words, *(["[OPTIONS]"] if len(verb._actions) > len(needed) + 1 else [])])
 
 
 def _groups(verb: Parser) -> list[str]:
-    """A table for each group of options, and what excludes each other in it."""
+    """A table for each group of options, and a sentence on options in it that exclude each other."""
     found, first = [], [action for group in verb._action_groups if group.title in UNTITLED for action in group._group_actions]
     for title, about, actions in [("", None, first)] + [
         (group.title, group.description, group._group_actions) for group in verb._action_groups if group.title not in UNTITLED
@@ -69,7 +69,7 @@ def _groups(verb: Parser) -> list[str]:
 
 
 def _alternatives(verb: Parser, actions: list[argparse.Action]) -> str:
-    """Which of them are given one at a time."""
+    """A sentence on which of the `actions` exclude each other."""
     groups = [group._group_actions for group in verb._mutually_exclusive_groups if group._group_actions[0] in actions]
     named = [[f"`{action.option_strings[0]}`" for action in group] for group in groups]
     return "\nAt most one of " + "; of ".join(f"{', '.join(names[:-1])} and {names[-1]}" for names in named) + ".\n" if named else ""

@@ -46,7 +46,7 @@ class Constant:
 
 
 def constants_of(record: Any) -> Iterator[Constant]:
-    """All fields of a record, in the order in which they stand there."""
+    """All constants of a record, in the order of its fields."""
     for one in fields(record):
         yield Constant(one.name, getattr(record, one.name), one.metadata["unit"], one.metadata["reason"], one.metadata["source"])
 

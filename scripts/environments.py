@@ -18,7 +18,7 @@ IMPORTS = "import cv2, matplotlib, networkx, numpy, safetensors, scipy, taichi, 
 
 
 def main(argv: list[str]) -> int:
-    """Make one; returns the exit code."""
+    """Make one of the environments; returns the exit code."""
     try:
         if len(argv) == 2 and argv[0] == "engine":
             make_engine(Path(argv[1]))
@@ -34,7 +34,7 @@ def main(argv: list[str]) -> int:
 
 
 def make_engine(folder: Path) -> None:
-    """The locked packages and nothing else."""
+    """Make the engine's environment: the locked packages and nothing else."""
     make(folder)
     lock = (ENGINE / "torch.lock").read_text(encoding="utf-8").split()
     install_torch(folder, lock[-1].removeprefix("torch=="))
@@ -43,7 +43,7 @@ def make_engine(folder: Path) -> None:
 
 
 def make_tests(folder: Path, engine: Path) -> None:
-    """An environment that sees ENGINE's packages and this source besides its own."""
+    """Make an environment that sees, besides its own packages, those of ENGINE and this source."""
     if not executable(folder).is_file():
         subprocess.run([executable(engine), "-m", "venv", "--without-pip", folder], check=True)
     theirs, ours = (site_packages(executable(each)) for each in (engine, folder))
@@ -53,14 +53,14 @@ def make_tests(folder: Path, engine: Path) -> None:
 
 
 def make(folder: Path, base: str = sys.executable) -> None:
-    """A virtual environment with a new pip, if it is not there yet."""
+    """Make a virtual environment with a recent pip, if it does not exist yet."""
     if not executable(folder).is_file():
         subprocess.run([base, "-m", "venv", folder], check=True)
     pip(folder, "--upgrade", "pip")
 
 
 def install_torch(folder: Path, version: str) -> None:
-    """PyTorch without its dependencies, which are locked with the rest: the CPU build, which on macOS is the only one."""
+    """Install the CPU build of PyTorch, on macOS the only one, without its dependencies, which are locked with the other packages."""
     if sys.platform == "darwin":
         pip(folder, "--no-deps", f"torch=={version}")
     else:
@@ -78,7 +78,7 @@ def executable(folder: Path) -> Path:
 
 
 def site_packages(python: Path) -> Path:
-    """Where its packages are."""
+    """The folder of packages of the environment of `python`."""
     said = subprocess.run([python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))"], check=True, stdout=subprocess.PIPE)
     return Path(said.stdout.decode().strip())
 

@@ -21,11 +21,11 @@ VERSIONS = (
 
 
 class Failed(RuntimeError):
-    """The recovery did not do what it should; the message ends with what it said last."""
+    """The recovery failed; the message ends with its last output."""
 
 
 def main(argv: list[str]) -> int:
-    """Recover and look; returns the exit code."""
+    """Recover and check the result; returns the exit code."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("python")
     parser.add_argument("out", type=Path)

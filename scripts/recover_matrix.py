@@ -28,11 +28,11 @@ from quick_recover import Failed, recover  # noqa: E402
 PYTHONS = ("3.11", "3.13")
 RESOLUTIONS = {"lowest": "lowest-direct", "newest": "highest"}
 NOT_TORCH = re.compile(r"(?!torch==|triton==|nvidia-|cuda-)")
-"""Beginnings of the requirements that remain without PyTorch and the libraries of its build with CUDA."""
+"""Matches the requirements other than PyTorch and the libraries of its CUDA build."""
 
 
 class Skipped(RuntimeError):
-    """Something that this machine does not have."""
+    """Something needed is not available on this machine."""
 
 
 def main(argv: list[str]) -> int:
@@ -65,11 +65,11 @@ def main(argv: list[str]) -> int:
 
 
 def found(named: list[str] | None) -> Iterator[tuple[str | None, str]]:
-    """The Pythons to run and their versions; None for one that is not there."""
+    """The Pythons to run (None for one that is not available), each with its version."""
     for name in named or [f"python{version}" for version in PYTHONS]:
         program = shutil.which(name)
         code = "import sys; print('%d.%d' % sys.version_info[:2])"
-        # A version manager's stand-in may be there for a Python that is not.
+        # A version manager may have a stand-in for a Python that is not installed.
         said = subprocess.run([program, "-c", code], capture_output=True, text=True, check=False).stdout.strip() if program else ""
         yield (program, said) if said else (None, name.removeprefix("python"))
 
@@ -88,7 +88,7 @@ def run(python: str, versions: str, out: Path, clip: Path) -> str:
         shutil.rmtree(out, ignore_errors=True)
         note = install(environment, python, wanted, out / "requirements.txt")
         made.write_text(json.dumps({"versions": wanted, "note": note}) + "\n", encoding="utf-8")
-    # One folder of compiled kernels for each version of the compiler: another's are thrown away.
+    # One folder of compiled kernels per version of the compiler, which discards those of another version.
     os.environ["TI_OFFLINE_CACHE_FILE_PATH"] = str(out.absolute() / "kernels")
     return recover(str(executable(environment)), out / "take", clip) + note
 
@@ -134,7 +134,7 @@ def some_torch(environment: Path, version: str) -> str:
 
 
 def uv() -> str:
-    """The tool that works out versions; installed in build/lock."""
+    """Path of uv, which resolves versions; it is installed in build/lock."""
     home = ROOT / "build" / "lock"
     if not executable(home).is_file():
         make(home)

@@ -34,10 +34,10 @@ from seeing_wind.engine.take import Take  # noqa: E402
 SCENES = ("sheet", "banner", "pole", "clay")
 FIFTHS, RATIO = 5, 2.0
 AWAY, UNKNOWN = 3.0, 0.1
-"""Spacings of the particles from the nearest place where one of them ever was, beyond which a query lies outside; most confidence there."""
+"""Distance from all places where a particle ever was, in particle spacings, beyond which a query is outside; largest confidence there."""
 QUERIES = 4000
 DRIFT = 2.0
-"""Most that a free run may be off [% of the way]."""
+"""Largest error of a free run [% of the distance travelled]."""
 
 
 def main() -> int:
@@ -73,7 +73,7 @@ def by_confidence(error: np.ndarray, confidence: np.ndarray) -> str:
 
 
 def outside(field: ForceField, x: np.ndarray) -> float:
-    """Largest confidence at random places of twice the box that no particle of x (T+1, N, 3) [m] ever came near."""
+    """Largest confidence at random points in twice the box that no particle of x (T+1, N, 3) [m] ever came near."""
     middle, half = field.box.mean(axis=0), field.box[1] - field.box[0]
     points = np.random.default_rng(0).uniform(middle - half, middle + half, (QUERIES, 3))
     spacing = float(np.median(cKDTree(x[0]).query(x[0], k=2)[0][:, 1]))
@@ -82,7 +82,7 @@ def outside(field: ForceField, x: np.ndarray) -> float:
 
 
 def drift(field: ForceField, body: Trajectories, take: Path) -> float:
-    """How far a free run ends off the true particles, in percent of how far they travelled, both root mean square."""
+    """Distance of a free run's end from the true particles, in percent of how far these travelled; both are root mean squares."""
     found = read_recovery(Take(take))
     particles, material = replace(body.particles, stiffness=found.stiffness), as_found(body.material, found)
     model, _ = model_for(particles, material, body.fps, gravity=body.gravity, clamp_depth=found.clamp_depth)

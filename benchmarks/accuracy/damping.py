@@ -28,7 +28,7 @@ RATIO = 0.02
 
 
 def bar(across: int) -> Particles:
-    """Clamped at its foot, `across` particles thick."""
+    """A bar that is clamped at its foot and `across` particles thick."""
     spacing = THICK / across
     axes = [(np.arange(n) + 0.5) * spacing for n in (across, across, SLENDER * across + PINNED_ROWS)]
     x = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
@@ -36,7 +36,7 @@ def bar(across: int) -> Particles:
 
 
 def ring(model: Model, body: Particles, omega: float) -> tuple[float, float]:
-    """Natural frequency over beam theory's, and damping ratio, of the first mode set going from rest."""
+    """Natural frequency, relative to that of beam theory, and damping ratio of the first mode."""
     length = SLENDER * THICK
     z = 1.8751 * np.clip(body.x[:, 2] - PINNED_ROWS * body.spacing, 0.0, None) / length
     mode = np.cosh(z) - np.cos(z) - 0.7341 * (np.sinh(z) - np.sin(z))

@@ -30,13 +30,13 @@ AIR, G = 1.2, 9.81
 C_T, C_R, A, B, MU_1, MU_2 = 1.2, np.pi, 1.4, 1.0, 0.2, 0.2
 """Circulation of translation and rotation, drag, friction of rotation: as published."""
 CARDS = {"fluttering": 1.1, "tumbling": 1.4}
-"""I*."""
+"""Cards by name -> I*."""
 COUNTS = (13, 10, 2)
 """Points along the chord, the span and the thickness."""
 HALF_CHORD = 0.5 * SPACING * COUNTS[0]
 FPS, FRAMES = 30.0, 36
 LOOKS = 16
-"""Times in a frame over which the force is averaged."""
+"""Number of times per frame over which the force is averaged."""
 
 
 def slope(inertia: float, state: np.ndarray) -> np.ndarray:

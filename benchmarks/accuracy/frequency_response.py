@@ -18,7 +18,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt  # noqa: E402
 
 EDGES = np.array([0.0, 0.3, 0.6, 0.85, 1.15, 1.6, 2.5, 4.0])
-"""Bands [first natural frequencies]."""
+"""Edges of the frequency bands, relative to the first natural frequency."""
 
 
 def main() -> None:
@@ -50,7 +50,7 @@ def natural_frequency(truth: dict[str, np.ndarray]) -> float:
 
 
 def response(truth: dict[str, np.ndarray], take: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Gain and relative error in each band of `EDGES`; NaN where the true gust has next to nothing."""
+    """Gain and relative error in each band of `EDGES`; NaN where the true gust has hardly any energy."""
     free = ~truth["fixed"]
     want = truth["acc"][:, free, :2].mean(axis=1)
     got = sampled(take, truth["x"][:-1])[:, free, :2].mean(axis=1) / float(truth["rho"])

@@ -25,10 +25,10 @@ from seeing_wind.engine.observe.object.motion.control import attach  # noqa: E40
 from seeing_wind.engine.records import Camera  # noqa: E402
 
 FRAMES, DEGREES = 16, 20.0
-"""Frames that are used, and how far the orbit goes meanwhile."""
+"""Number of frames that are used, and the angle of the orbit in that time."""
 WORSE = 1.5
 CELL, SPACING = 0.003, 0.04 / 3
-"""Of the painted mesh and of the true particles [m]."""
+"""Cell size of the painted mesh and spacing of the true particles [m]."""
 
 
 def orbit(camera: Camera, centre: np.ndarray, degrees: float) -> Camera:

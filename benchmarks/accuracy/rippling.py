@@ -40,12 +40,12 @@ class Gust:
     youngs_modulus: float
     frames: int
     height: float
-    """Of the wave [m/s²]."""
+    """Amplitude of the wave [m/s²]."""
     wavelength: float
     speed: float
-    """[wavelengths/s]"""
+    """Speed of the wave [wavelengths/s]."""
     mean: float
-    """[m/s²]"""
+    """Mean wind [m/s²]."""
 
     def force(self, x: np.ndarray, frame: int, seed: int) -> np.ndarray:
         """Acceleration (N, 3) [m/s²] of particles that rest at x (N, 3) [m]."""
@@ -77,7 +77,7 @@ def sheet(along: int, up: int) -> Particles:
 
 
 def film(gust: Gust, seed: int, body: Particles) -> tuple[Material, TrackTargets, np.ndarray]:
-    """What it is made of, its tracks, and where the recovery's particles truly went (T+1, N, 3) [m]."""
+    """The material, the tracks, and the true positions (T+1, N, 3) [m] of the recovery's particles."""
     fine = sheet(21, 15)
     material = Material("sheet", "neo_hookean", density=DENSITY, youngs_modulus=gust.youngs_modulus, poisson_ratio=0.3)
     model, _ = model_for(fine, material, FPS, gravity=(0.0, 0.0, 0.0))

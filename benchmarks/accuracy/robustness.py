@@ -37,7 +37,7 @@ def density(factor: float) -> Variant:
 
 
 def wild_points(source: Trajectories) -> Trajectories:
-    """A tenth of the points is lost in every frame after the first: 5 cm off, and not by noise alone."""
+    """In every frame after the first, a tenth of the points, drawn anew, are off by 5 cm along each axis on average, with scatter."""
     rng, x = np.random.default_rng(0), source.targets.x.copy()
     lost = rng.random(x.shape[:2]) < 0.1
     lost[0] = False
@@ -46,7 +46,7 @@ def wild_points(source: Trajectories) -> Trajectories:
 
 
 def slipped_points(source: Trajectories) -> Trajectories:
-    """A tenth of the points jumps 5 cm aside in the middle of the clip, each its own way, and rides on from there."""
+    """In the middle of the clip, a tenth of the points jump by 5 cm, each in its own direction, and then move with the body from there."""
     rng, x = np.random.default_rng(0), source.targets.x.copy()
     lost = rng.random(x.shape[1]) < 0.1
     aside = rng.standard_normal((int(lost.sum()), 3))

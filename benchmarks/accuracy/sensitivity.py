@@ -28,7 +28,7 @@ from scripts.constants_reference import RECORDS, constants_of  # noqa: E402
 
 FACTORS = (0.5, 2.0)
 SWINGS = 0.1
-"""Change of an error, relative to it, that docs/accuracy.md has to speak of."""
+"""Relative change of an error from which docs/accuracy.md has to mention the number."""
 
 
 def numbers() -> Iterator[tuple[str, float | tuple[float, ...]]]:
@@ -80,7 +80,7 @@ def _one(key: str, factor: float, file: Path) -> dict[str, Any]:
 
 
 def measured(files: list[Path], out: Path, only: str, jobs: int) -> dict[str, Any]:
-    """All results by "key factor file", as far as they are there already, and the rest."""
+    """All results by "key factor file": those of earlier runs, and the rest computed now."""
     kept = out / "sensitivity.json"
     results: dict[str, Any] = json.loads(kept.read_text(encoding="utf-8")) if kept.is_file() else {}
     chosen = [key for key, _ in numbers() if only in key]

@@ -28,7 +28,7 @@ Truth = dict[str, np.ndarray]
 
 
 def off(x: np.ndarray, truth: Truth) -> float:
-    """Error [%] of a sheet's way (T+1, V, 3) [m]: see the top of the file."""
+    """Error [%] of a sheet's path x (T+1, V, 3) [m], as defined at the top of the file."""
     free = ~truth["fixed"].astype(bool)
     wanted = truth["x"][:, free].astype(float)
     travel = np.linalg.norm(wanted - wanted[0], axis=2).max(axis=0).mean()
@@ -36,7 +36,7 @@ def off(x: np.ndarray, truth: Truth) -> float:
 
 
 def stiffnesses(truth: Truth) -> dict[str, float]:
-    """A sheet's numbers as an edit has them."""
+    """A sheet's properties by the keys of an edit."""
     E, h = float(truth["E"]), float(truth["thickness"])
     return {
         "areal_density": float(truth["areal_density"]), "thickness": h, "tensile_stiffness": E * h, "bending_stiffness": E * h**3 / 12.0,
@@ -45,7 +45,7 @@ def stiffnesses(truth: Truth) -> dict[str, float]:
 
 
 def in_true_wind(truth: Truth) -> np.ndarray:
-    """(T+1, V, 3) [m] where the engine's solver has the sheet of a scene, in the wind at the other engine's vertices in every frame."""
+    """Path (T+1, V, 3) [m] of a scene's sheet in the engine's own solver, with the wind at the other engine's vertices in every frame."""
     shell = shell_of(truth["x"][0].astype(float), truth["faces"], Sheet(**stiffnesses(truth)), pinned=truth["fixed"].astype(bool))
     fps, gravity, wind = float(truth["fps"]), truth["gravity"].astype(float), truth["wind"].astype(float)
     substeps = substeps_for(fps)
@@ -62,7 +62,7 @@ def in_true_wind(truth: Truth) -> np.ndarray:
 
 
 def resimulated(take: Path, truth: Truth, kind: str) -> np.ndarray:
-    """(T+1, V, 3) [m] of a scene's sheet in the take's field of this kind."""
+    """Path (T+1, V, 3) [m] of a scene's sheet, re-simulated in the take's field of this kind ("wind" or "force")."""
     out = take.parent / f"heavy_{kind}"
     np.savez(take.parent / "sheet.npz", vertices=truth["x"][0].astype(float), triangles=truth["faces"])
     held = np.flatnonzero(truth["fixed"])

@@ -53,12 +53,12 @@ def drive(
 
 
 def travelled(truth: Mapping[str, np.ndarray]) -> float:
-    """Mean length [m] of the free particles' ways."""
+    """Mean length [m] of the free particles' paths."""
     return float(np.linalg.norm(np.diff(truth["x"], axis=0), axis=-1).sum(axis=0)[~truth["fixed"]].mean())
 
 
 def main() -> int:
-    """A row per body; exit code 1 when one ends more than 2 % of its way off."""
+    """Print a row per body; exit code 1 if one ends more than 2 % of its path's length away from the truth."""
     shared, missed = Path(sys.argv[1]), 0
     for name in sys.argv[2:] or NAMES:
         with np.load(shared / f"truth/{name}.npz", allow_pickle=False) as data:

@@ -61,7 +61,7 @@ SEEDS = 5
 
 
 def noisy(millimetres: float) -> Callable[[Path, Path, str], str]:
-    """The same with smooth noise, the mean of SEEDS draws."""
+    """`trajectories` with smooth noise added: the mean scores over SEEDS draws."""
 
     def score(shared: Path, take: Path, name: str) -> str:
         file, errors = shared / f"truth/{name}.npz", []
@@ -123,11 +123,11 @@ def pixels(*views: int, by_distance: bool = False) -> Callable[[Path, Path, str]
 
 
 LOOKS = {"first_psnr": 30.0, "psnr": 28.0, "ssim": 0.93}
-"""Least likeness of the splatted first frame inside the mask [dB], and of the re-simulated clip over the object's box [dB]."""
+"""Bars: lowest PSNR [dB] of the splatted first frame inside the mask, and lowest PSNR [dB] and SSIM of the re-simulated clip."""
 
 
 def looks(take: Path) -> str:
-    """How alike the re-simulated clip is to the filmed one, by the take's report."""
+    """How similar the re-simulated clip is to the filmed one, from the take's report."""
     found = json.loads((take / "report.json").read_text())["resimulated"]
     wrong = [name for name, bar in LOOKS.items() if not found.get(name, 0.0) >= bar]
     values = f"look {found.get('first_psnr', 0):.1f} dB, again {found.get('psnr', 0):.1f} dB, SSIM {found.get('ssim', 0):.3f}"
@@ -151,7 +151,7 @@ def ball(shared: Path, take: Path, name: str) -> str:
 
 BALL_BOX = (175, 150, 200, 175)
 Case = tuple[Callable[[Path, Path, str], str], str, float, float]
-"""How, scene, bar in percent, bar in degrees."""
+"""Scoring function, scene, bar in percent, bar in degrees."""
 CASES: dict[str, Case] = {
     "sheet": (trajectories, "sheet", 3.0, 3.0),
     "banner": (trajectories, "banner", 11.0, 7.0),
@@ -179,7 +179,7 @@ CASES: dict[str, Case] = {
     "ball toss": (ball, "ball", 5.0, 5.0),
 }
 QUICK = ("sheet", "banner", "sheet from pixels", "ball toss")
-"""What runs when no case is named."""
+"""Cases that run if none is named."""
 
 
 def further(shared: Path, name: str) -> Case | None:

@@ -30,9 +30,9 @@ AIR, NORMAL, TANGENTIAL = 1.2, 1.17, 0.05
 SPACING, COUNTS = 0.008, (20, 15, 2)
 """Points of a plate: their distance [m], and how many along each side."""
 TILES = 24
-"""Per side, over which the drag is summed."""
+"""Number of tiles along each side, over which the drag is summed."""
 YOUNGS_MODULUS = 2e5
-"""Pa: the plates hardly bend."""
+"""Young's modulus [Pa] at which the plates hardly bend."""
 
 Wind = Callable[[np.ndarray, float], np.ndarray]
 """Places (M, 3) [m] and time [s] -> velocity of the air (M, 3) [m/s]."""
@@ -54,16 +54,16 @@ class Scene:
     frames: int = 36
     fps: float = 30.0
     chosen_with: bool = field(default=False)
-    """The settings of the inverse were chosen on this scene: no evidence for it."""
+    """The settings of the recovery were chosen on this scene, so it is no evidence for them."""
 
 
 def steady(*u: float) -> Wind:
-    """The same everywhere and always."""
+    """A wind that is uniform and constant."""
     return lambda x, t: np.broadcast_to(np.array(u), x.shape)
 
 
 def gusty(mean: tuple[float, float, float], gust: tuple[float, float, float], period: float) -> Wind:
-    """A mean, and gusts of two periods."""
+    """A mean wind with gusts of two periods."""
     along = np.array(gust)
     return lambda x, t: np.broadcast_to(
         np.array(mean) + along * (np.sin(2 * np.pi * t / period) + 0.5 * np.sin(5.1 * np.pi * t / period + 1.0)), x.shape
@@ -71,7 +71,7 @@ def gusty(mean: tuple[float, float, float], gust: tuple[float, float, float], pe
 
 
 def sheared(mean: tuple[float, float, float], slope: float, period: float) -> Wind:
-    """Stronger with height, and swelling."""
+    """A wind that increases with height and varies in strength."""
     return lambda x, t: np.array(mean) * (1.0 + slope * x[:, 2:] + 0.3 * np.sin(2 * np.pi * t / period))
 
 
@@ -196,7 +196,7 @@ def box_mesh(R: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def transfer(take: Path, scene: Scene, kind: str) -> float:
-    """How far off [%] a plate of twice the areal density ends that the take's field of this kind moves."""
+    """Error [%] of the final position of a plate of twice the areal density, moved by the take's field of this kind."""
     heavy = replace(scene, areal_density=2.0 * scene.areal_density, spin=(0.0, 0.0, 0.0))  # an inserted mesh does not spin
     R = rotation(np.array(scene.tilt))
     vertices, triangles = box_mesh(R)

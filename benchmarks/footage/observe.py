@@ -33,18 +33,18 @@ BARS = {"first IoU": 0.95, "IoU": 0.9, "track median": 0.15, "track p90": 0.8, "
 end, most seconds per frame. The bars of the tracks hold for the views that are named in `TRACKED`."""
 TRACKED = ("sheet_v0", "pole_v0", "clay_v0", "banner_v0")
 LIFTED = {"sheet_v0": (0.3, 1.0), "pole_v0": (0.3, 3.0)}
-"""Millimetres of median displacement error across and along the view, with the true first depth."""
+"""Bars of the median displacement error [mm] across and along the view, with the true first depth."""
 TOGETHER = ("clay_v0", "clay_v1", 0.3)
-"""Two views of one body, and millimetres of median displacement error along the first one's view when they are lifted together."""
+"""Two views of one body, and the bar of the median displacement error [mm] along the first view when they are lifted together."""
 BY_DISTANCE = 5.0
-"""Percent of the travelled distance, across the view, when only the object's distance is known."""
+"""Bar of the displacement error across the view [% of the travelled distance] when only the object's distance is known."""
 SPAN = 4
-"""Pixels from a truth track within which its visibility counts for a point."""
+"""Distance [px] from a truth track up to which its visibility counts for a point."""
 
 
 @dataclass(frozen=True)
 class Truth:
-    """What is true of a scene."""
+    """The truth of a scene."""
 
     masks: np.ndarray
     xy: np.ndarray

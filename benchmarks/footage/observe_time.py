@@ -23,7 +23,7 @@ from outlines import box_round
 HERE = Path(__file__).resolve().parents[2]
 HEIGHT, WIDTH, FRAMES = 720, 1280, 90
 BAR = 10.0
-"""Seconds."""
+"""Largest processor time [s]."""
 
 
 def write_clip(path: Path) -> tuple[float, float, float, float]:

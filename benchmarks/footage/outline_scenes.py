@@ -1,4 +1,4 @@
-"""Clips made on the spot whose outline is known in every frame, each with what misleads an outline drawn from colours.
+"""Synthetic clips with a known outline in every frame, each with something that misleads an outline found from colours.
 
 A painted thing is bent or swung before a still frame, at twice the resolution and over three moments of an open shutter, then grain is
 added: a flower on a stem before a curtain of its own tint, a toy that hangs from a balloon of another colour, a ball with its shadow.
@@ -15,7 +15,7 @@ import numpy as np
 FINE = 2
 """Samples per pixel along each axis."""
 SHUTTER = (-0.25, 0.0, 0.25)
-"""Moments of the exposure [frames] round its middle: half of the time the shutter is open."""
+"""Moments of the exposure [frames], relative to its middle: the shutter is open half of the time."""
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,7 @@ from seeing_wind.engine.records import Observation
 from seeing_wind.engine.settings import ObserveSettings
 
 CHOSEN_ON = ("carnation", "hanging_toy", "pendulum", "puck_pulled", "sheet_v0", "pole_v0")
-"""Clips on which settings were to be chosen. Faults seen in frames of most of the others were mended, too: they are no clean test."""
+"""Clips on which settings were chosen. As faults seen in most of the other clips were fixed, too, those are no clean test."""
 RENDERED = ("sheet_v0", "pole_v0", "clay_v0", "banner_v0", "sheet_v1", "pole_v1", "clay_v1")
 MEDIAN, WORST = 0.9, 0.75
 """The bars over all outlined frames of a kind of clips."""
@@ -141,12 +141,12 @@ def seen_in(case: Case, **marked: Any) -> Observation:
 
 
 def masks_of(case: Case, seen: Observation) -> dict[int, np.ndarray]:
-    """The masks in every outlined frame of a case."""
+    """The masks found in every outlined frame of a case."""
     return {t: np.asarray(seen.masks[t]) for t in case.truth}
 
 
 def tracks_of(case: Case, seen: Observation) -> str:
-    """How the tracks of the first frame live on, and how many of all lie on the object where it is outlined."""
+    """How many tracks of the first frame survive, and how many of all tracks lie on the object in outlined frames."""
     on_object = []
     for t, true in case.truth.items():
         near = cv2.dilate(true.astype(np.uint8), cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * BESIDE + 1,) * 2)) > 0

@@ -1,4 +1,4 @@
-"""Six force fields of different kinds, as accelerations a(x, t) = f / rho [m/s²] of places (M, 3) [m] and seconds."""
+"""Six force fields of different kinds, as accelerations a(x, t) = f / rho [m/s²] at points x (M, 3) [m] and time t [s]."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ import numpy as np
 
 Field = Callable[[np.ndarray, float], np.ndarray]
 STEP = 1e-5
-"""Of the difference quotient for the gradient [m]."""
+"""Step of the finite differences for the gradient [m]."""
 
 
 def breeze(x: np.ndarray, t: float) -> np.ndarray:
-    """Swells and sinks, and bends over lengths of a metre."""
+    """A wind that rises and falls, and changes direction over lengths of a metre."""
     wave = np.sin(6.0 * x[:, 0] + 4.0 * x[:, 2] - 3.0 * t)
     swell = np.sin(2 * np.pi * 1.1 * t)
     return np.stack([2.2 * swell + 0.9 * wave, 0.6 * np.cos(5.0 * t) + 0.4 * wave, 0.8 * np.cos(7.0 * x[:, 0] + 4.0 * t)], axis=1)
@@ -25,21 +25,21 @@ def front(x: np.ndarray, t: float) -> np.ndarray:
 
 
 def swirl(x: np.ndarray, t: float) -> np.ndarray:
-    """Air that turns about a vertical axis beside the body, one way and then the other."""
+    """Air that rotates about a vertical axis beside the body, first one way and then the other."""
     turn, r = 7.0 * np.sin(2 * np.pi * 0.9 * t + 0.6), x - np.array([0.08, 0.1, 0.0])
     decay = np.exp(-(r[:, 0] ** 2 + r[:, 1] ** 2) / 0.35**2)
     return np.stack([-turn * r[:, 1] * decay + 0.5, turn * r[:, 0] * decay, 0.5 * np.sin(5.0 * x[:, 2] + 2.0 * t)], axis=1)
 
 
 def shear(x: np.ndarray, t: float) -> np.ndarray:
-    """Stronger the higher, and turning with time."""
+    """A wind that increases with height and turns with time."""
     angle = 2.2 * t
     strength = 1.4 + 4.0 * x[:, 2]
     return np.stack([strength * np.cos(angle), 0.7 * strength * np.sin(angle), 0.7 * np.cos(3.0 * t) + 1.5 * x[:, 0]], axis=1)
 
 
 def squeeze(x: np.ndarray, t: float) -> np.ndarray:
-    """Presses together along X, draws out along Z, and drifts."""
+    """Compression along X and extension along Z, with a drift."""
     press = 6.0 + 5.0 * np.sin(2 * np.pi * 1.2 * t)
     return np.stack([1.2 - press * x[:, 0], 0.5 + 0.5 * press * x[:, 1], 0.8 * np.cos(4.0 * t) + 0.6 * press * x[:, 2]], axis=1)
 

@@ -1,4 +1,4 @@
-"""How alike two clips are: PSNR, SSIM, and LPIPS where its package and weights are installed."""
+"""Similarity of two clips: PSNR, SSIM, and LPIPS if its package and weights are installed."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from skimage.metrics import structural_similarity
 
 
 def psnr(want: np.ndarray, got: np.ndarray) -> float:
-    """Mean over frames (T+1, H, W, 3) uint8 of the peak signal to noise ratio [dB], at most 100."""
+    """Mean peak signal-to-noise ratio [dB], at most 100, over frames (T+1, H, W, 3) uint8."""
     error = ((want.astype(np.float64) - got) ** 2).mean(axis=(1, 2, 3)) / 255.0**2
     return float((-10.0 * np.log10(np.maximum(error, 1e-10))).mean())
 

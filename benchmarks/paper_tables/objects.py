@@ -1,4 +1,4 @@
-"""The six kinds of object of the paper's synthetic scenes, made by scripts: simple, but one sees what they are.
+"""The six kinds of object of the paper's synthetic scenes, made by scripts: simple, but recognisable.
 
 About half a metre tall, facing -Y. Stiffness and yield stress are chosen so that the winds of `fields` bend, and the plastic ones
 mark, them visibly within a clip.
@@ -31,9 +31,9 @@ class Thing:
     solid: Solid
     material: Material
     field: str
-    """Which of `fields` blows on it."""
+    """Name of the one of `fields` that acts on it."""
     spacing: float
-    """Of the true simulation's particles [m]; the recovery's are coarser."""
+    """Spacing of the true simulation's particles [m]; the recovery's are coarser."""
     held: Callable[[np.ndarray], np.ndarray] | None = None
     """Which points (M, 3) at rest are held."""
 

@@ -14,7 +14,7 @@ SUPERSAMPLE = 3
 SUN = np.array([-0.45, -0.7, 0.55]) / np.linalg.norm([-0.45, -0.7, 0.55])
 AMBIENT, DIFFUSE = 0.55, 0.5
 _FINE = 16
-"""OpenCV takes corners in fixed point with four bits behind the point."""
+"""Scale of the fixed-point corners that OpenCV takes, with four fractional bits."""
 
 
 def look_at(eye: np.ndarray, target: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""The rows of the three tables: what each runs, what the paper has there."""
+"""The rows of the three tables: what each of them runs, and the paper's numbers."""
 
 from __future__ import annotations
 
@@ -40,19 +40,19 @@ class Row:
     thing: str
     method: str
     options: tuple[str, ...]
-    """For the recovery."""
+    """Options of the recovery."""
     views: int
-    """Cameras; 0 gives trajectories instead of frames."""
+    """Number of cameras; with 0, trajectories are recovered instead of a clip."""
     paper: tuple[float, float, float, float, float] | None
     """PSNR, SSIM, LPIPS, magnitude [%], direction [degrees] of the paper."""
     seconds: float
-    """What it roughly takes on two idle cores."""
+    """Rough time of the row on two idle cores."""
     own: bool = False
-    """Of trajectories: those of the true particles themselves, so that truth and recovery share their discretisation."""
+    """For trajectories: use the true particles themselves, so that truth and recovery share their discretisation."""
 
     @property
     def key(self) -> str:
-        """A file's name."""
+        """The row's name as a file name."""
         return f"{self.table}_{self.name.lower().replace(' ', '_').replace(',', '').replace('+', '_')}"
 
 
@@ -195,7 +195,7 @@ def _seen_again(scene: Scene, row: Row, take: Path) -> np.ndarray:
 
 
 def _keep(path: Path, scene: Scene, want: np.ndarray, seen: np.ndarray, got: np.ndarray) -> None:
-    """What the report's figures need: the last frame and a middle one, true and again, and some arrows."""
+    """Keep what the report's figures need: the last and a middle frame, true and re-simulated, and some arrows."""
     path.parent.mkdir(parents=True, exist_ok=True)
     middle = len(want) // 2
     some = np.linspace(0, len(scene.x[0]) - 1, 60).astype(int)

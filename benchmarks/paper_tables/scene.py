@@ -28,10 +28,10 @@ FPS, FRAMES = 30.0, 20
 WIDTH, HEIGHT = 480, 400
 DISTANCE, FOCAL = 2.0, 900.0
 VIEWS = ((-18.0, 12.0), (47.0, 16.0))
-"""Azimuth and height of the cameras [degrees]; 0 looks along +Y."""
+"""Azimuth and elevation of the cameras [degrees]; at azimuth 0 a camera looks along +Y."""
 MESH_CELL = 0.0075
 SUBSTEPS = 500
-"""Most substeps of the truth: nothing is softened."""
+"""Limit of the truth's substeps, high enough that no material is softened."""
 COARSER = 1.7
 
 

@@ -1,4 +1,4 @@
-"""Solids as signed distances [m], and objects put together from them."""
+"""Solids as signed distances [m], and objects composed of them."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def capsule(a: Vector, b: Vector, radius: float) -> Distance:
 
 
 def ellipsoid(centre: Vector, radii: Vector, axes: np.ndarray | None = None) -> Distance:
-    """An ellipsoid whose axes are the columns of `axes` (3, 3); the distance is first order in nearness to the surface."""
+    """An ellipsoid whose axes are the columns of `axes` (3, 3); the distance is correct to first order near the surface."""
     turn, r = np.eye(3) if axes is None else axes, np.asarray(radii, float)
 
     def distance(p: np.ndarray) -> np.ndarray:
@@ -69,7 +69,7 @@ class Part:
 
 @dataclass(frozen=True)
 class Solid:
-    """Parts grown together, meshed and filled."""
+    """The union of parts, which can be meshed and filled with particles."""
 
     parts: tuple[Part, ...]
     low: tuple[float, float, float]
@@ -99,7 +99,7 @@ class Solid:
 
 
 def texture(points: np.ndarray) -> np.ndarray:
-    """Speckles (M,) about one that stick to the material at points (M, 3) at rest: what a tracker holds on to."""
+    """Speckles (M,), factors of about 1, fixed to the material at rest points (M, 3), for a tracker to follow."""
     random = np.random.default_rng(5)
     value = np.zeros(len(points))
     for wavelength, size in ((0.08, 0.08), (0.035, 0.10), (0.018, 0.12)):

@@ -21,9 +21,9 @@ import numpy as np
 os.environ["QD_NUM_THREADS"] = "1"
 
 FPS, SUBSTEPS, LOOKS = 30.0, 100, 10
-"""Frames a second, steps in each, and times that the field is looked at in each."""
+"""Frames per second; substeps per frame; and times per frame at which the field is sampled."""
 CENTRE = np.array([0.0, 0.0, 0.5])
-"""Of every body [m]."""
+"""Centre of every body [m]."""
 
 Vector = tuple[float, float, float]
 REST: Vector = (0.0, 0.0, 0.0)
@@ -149,7 +149,7 @@ def acceleration(scene: Scene, x: np.ndarray, t: float) -> np.ndarray:
 
 
 def simulate(scene: Scene) -> dict[str, np.ndarray]:
-    """What a file holds."""
+    """The arrays of a scene's file."""
     import genesis
     import torch
 

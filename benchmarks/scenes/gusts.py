@@ -7,17 +7,17 @@ import numpy as np
 from seeing_wind.engine.field import ForceFieldAnalytic
 
 UNIFORM_SHARE = 0.4
-"""Part of the added variance that is the same everywhere."""
+"""Share of the added variance that is uniform in space."""
 WAVES = 6
-"""J, how many waves."""
+"""J, number of waves."""
 COSINES = 5
-"""Of which the strength of a wave is the sum."""
+"""Number of cosines whose sum is the strength of a wave."""
 
 
 class GustField(ForceFieldAnalytic):
-    """A seeded wind: a mean that swells and sinks, and divergence-free waves in space whose strengths wander smoothly in time.
+    """A seeded wind: a mean that rises and falls, and divergence-free waves in space whose strengths vary smoothly in time.
 
-    The wander is a sum of cosines of continuous time, so the wind at a given second depends neither on the clip's length nor on its
+    The variation is a sum of cosines of continuous time, so the wind at a given second depends neither on the clip's length nor on its
     frame rate. Waves are transverse (amplitude at right angles to the wave vector), as air is nearly incompressible.
 
     Args:

@@ -22,10 +22,10 @@ from genesis_scenes import CENTRE, FPS, Scene, Wave, write
 SECONDS = 4
 
 TALL = 0.44
-"""Of posts [m]; the uppermost CLAMPED is held."""
+"""Height of posts [m], of which the uppermost CLAMPED is held."""
 CLAMPED = 0.06
 LAYERS = 0.055
-"""Least thickness [m]: a body of less than four layers of particles creeps in Genesis."""
+"""Smallest thickness [m]: a body of fewer than four layers of particles creeps in Genesis."""
 ROUGHNESS = 5.0 / 6.0
 """Exponent of the von Kármán spectrum of gusts along the wind, S(f) ~ (1 + 70.8 (f T)²)^(-5/6)."""
 

@@ -42,7 +42,7 @@ def settled(scene: Scene, seconds: float = 3.0) -> np.ndarray:
 
 
 def elastica(weight: float, stiffness: float, length: float) -> float:
-    """How far [m] the end of a heavy strip droops: weight [N/m²] and beam rigidity [N m], per width."""
+    """How far [m] the end of a heavy strip droops, from its weight [N/m²] and its beam rigidity per width [N m]."""
     from scipy.integrate import solve_bvp
 
     s = np.linspace(0.0, length, 200)
@@ -54,19 +54,19 @@ def elastica(weight: float, stiffness: float, length: float) -> float:
 
 
 def across(mesh: Mesh) -> Mesh:
-    """The strip with its length along the rows of the lattice: x and z change places."""
+    """The strip with its length along the rows of the lattice: x and z are swapped."""
     return mesh[0][:, [2, 1, 0]], mesh[1][:, ::-1]
 
 
 def strays(path: np.ndarray, reference: np.ndarray, held: np.ndarray) -> float:
-    """Mean distance [%] of the free vertices on one path (T+1, V, 3) from another, over the mean of how far they get from their start."""
+    """Mean distance of the free vertices on `path` (T+1, V, 3) from `reference`, relative to their mean distance from the start [%]."""
     free = reference[:, ~held]
     travel = np.linalg.norm(free - free[0], axis=2).max(axis=0).mean()
     return 100.0 * float(np.linalg.norm(path[:, ~held] - free, axis=2).mean() / travel)
 
 
 def print_repeats() -> None:
-    """The heavy sheets beside themselves."""
+    """Compare the heavy sheets with repetitions of themselves."""
     for name in (name for name in SCENES if name.endswith("_heavy")):
         scene = SCENES[name]
         stronger = replace(scene, wind=replace(scene.wind, mean=tuple(1.01 * part for part in scene.wind.mean)))

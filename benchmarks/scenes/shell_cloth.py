@@ -15,11 +15,11 @@ import numpy as np
 AIR, NORMAL, TANGENTIAL = 1.2, 1.17, 0.05
 """Density of air [kg/m³] and the coefficients of the drag law that docs/reference/wind.md states."""
 FPS, LOOKS = 30.0, 64
-"""Frames a second, and times that the air is looked at in each."""
+"""Frames per second, and times per frame at which the air is sampled."""
 GRAVITY = (0.0, 0.0, -9.81)
 NU = 0.3
 DAMPED_AT = 2.0
-"""Hz, where the loss factor holds."""
+"""Frequency [Hz] at which the loss factor holds."""
 
 Vector = tuple[float, float, float]
 Mesh = tuple[np.ndarray, np.ndarray]
@@ -40,7 +40,7 @@ class Wave:
 
 @dataclass(frozen=True)
 class Vortex:
-    """A whirl with a smooth core about an axis that drifts: at the distance `radius` the air goes round at `speed`, its fastest."""
+    """A vortex with a smooth core about a drifting axis; the air rotates fastest, at `speed`, at the distance `radius` from the axis."""
 
     speed: float
     radius: float
@@ -53,7 +53,7 @@ class Vortex:
 
 @dataclass(frozen=True)
 class Wind:
-    """u(x, t): a mean and what comes on top."""
+    """u(x, t): a mean wind with waves and vortices added."""
 
     mean: Vector
     waves: tuple[Wave, ...] = ()
@@ -73,7 +73,7 @@ class Wind:
 
 @dataclass(frozen=True)
 class Scene:
-    """A sheet and the air about it."""
+    """A sheet and the wind around it."""
 
     mesh: Callable[[], Mesh]
     held: Callable[[np.ndarray], np.ndarray]
@@ -201,7 +201,7 @@ def cloth(scene: Scene, vertices: np.ndarray, faces: np.ndarray, held: np.ndarra
 
 
 def simulate(scene: Scene, frames: int, gravity: Vector = GRAVITY, finer: int = 1) -> dict[str, np.ndarray]:
-    """What a file holds, with `finer` times the substeps. Raises SystemExit where the cloth explodes."""
+    """The arrays of a scene's file, simulated with `finer` times the substeps. Raises SystemExit if the cloth explodes."""
     import newton
 
     vertices, faces = scene.mesh()

@@ -94,7 +94,7 @@ def random_flag(seed: int) -> Scene:
 
 
 def random_curtain(seed: int) -> Scene:
-    """A curtain, as `random_flag`; the wind comes from one of its sides for the most part."""
+    """A random curtain, as `random_flag`; the wind comes mainly from one of its sides."""
     rng = np.random.default_rng([seed, sum(map(ord, "curtain"))])
     length, width = rng.uniform(0.7, 1.0), rng.uniform(0.45, 0.65)
     mean = (rng.uniform(-0.6, 0.6), float(rng.choice([-1, 1])) * rng.uniform(1.0, 1.8), rng.uniform(-0.2, 0.2))
@@ -132,7 +132,7 @@ def random_leaf(seed: int) -> Scene:
 
 
 def _random_wind(rng: np.random.Generator, seed: int, mean: tuple[float, ...], waves: int, way: tuple[float, ...], size: float) -> Wind:
-    """With waves of 0.3 to 0.8 times `size` [m/s], whose directions have the spread `way`."""
+    """A random wind with waves of 0.3 to 0.8 times `size` [m/s], whose directions have the spread `way`."""
     several = []
     for _ in range(waves):
         along = rng.normal(size=3) * way
@@ -146,11 +146,11 @@ def _random_wind(rng: np.random.Generator, seed: int, mean: tuple[float, ...], w
 
 
 RANDOM = {"flag": random_flag, "curtain": random_curtain, "fall": random_fall, "leaf": random_leaf}
-"""Scenes of a name KIND-SEED."""
+"""KIND in a name KIND-SEED -> the function that makes the scene from the seed."""
 
 
 def named(name: str) -> Scene | None:
-    """The scene of a name, None where there is none."""
+    """The scene with that name; None if there is none."""
     kind, _, seed = name.partition("-")
     return RANDOM[kind](int(seed)) if kind in RANDOM and seed.isdecimal() else SCENES.get(name)
 

@@ -18,11 +18,11 @@ WIDTH, HEIGHT, FRAMES, FPS = 400, 460, 31, 30
 SAMPLES = 4
 EVERY = 10
 LENGTH = 0.36
-"""Of the stem from the clamp to the head [m]."""
+"""Length of the stem from the clamp to the head [m]."""
 LENS, DISTANCE = 50.0, 0.62
 """Focal length of a sensor of 36 mm [mm], and metres from the camera to the flower."""
 SWAY = 0.16
-"""Turn of the head at a value of 1 [rad]."""
+"""Rotation of the head [rad] at a value of 1."""
 
 
 def made(name, points, faces, color, noise=0.0, rough=0.8):
@@ -148,7 +148,7 @@ def scene():
 
 
 def pixels_per_metre():
-    """In the flower's plane."""
+    """Pixels per metre in the flower's plane."""
     return WIDTH * LENS / 36.0 / DISTANCE
 
 

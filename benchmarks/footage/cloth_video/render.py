@@ -18,9 +18,9 @@ from mathutils import Matrix
 WIDTH, HEIGHT, FPS = 800, 450, 30
 SAMPLES = 6
 FOCAL = 1.25
-"""In frame widths."""
+"""Focal length in frame widths."""
 MARGIN = 1.1
-"""Of the frame round all that the sheet does."""
+"""Size of the frame relative to all positions of the sheet."""
 PRINT = 1024
 """Pixels of the print's longer side."""
 
