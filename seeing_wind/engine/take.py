@@ -202,7 +202,7 @@ class Take:
         return self.description().get("stages", {}).get(stage, {}).get("stamp") == stamp
 
     def kept(self, stage: str, stamp: str, read: Callable[[], R], progress: Progress, told: str = "") -> R | None:
-        """What `read` returns of a `stage` done in an earlier run; None if it was not finished, its inputs have changed, or it is damaged.
+        """What `read` returns of a `stage` done earlier; None if it was not finished, its inputs have changed, or its files are damaged.
 
         `told`: the stage's name in `progress`, if it differs.
         """
@@ -222,7 +222,7 @@ class Take:
 
     @contextlib.contextmanager
     def finishing(self, stage: str, stamp: str, settings: dict[str, Any]) -> Iterator[None]:
-        """`finish` when the block ends without an error. take.toml is written before the block begins, so a full disk shows first."""
+        """`finish` when the block ends without an error; the text is written aside before the block begins, so a full disk shows first."""
         description = self.description()
         description["format"] = FORMAT
         description.setdefault("stages", {})[stage] = {"stamp": stamp, "settings": settings}
