@@ -122,6 +122,9 @@ def frames_named(first: int, last: int) -> str:
     return f"from {frame_named(first)} to {frame_named(last)}" if last > first else f"in {frame_named(first)}"
 
 
+DISTRUST = "Do not use this field"
+"""Part of every note that calls a field useless."""
+
 UNHELD = "Nothing was marked as held"
 """Beginning of the note on a force that only balances gravity: by it the panel recognises the note, and offers the remedy."""
 HELD_PLACE = "held place"

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import zipfile
 from enum import StrEnum
+from pathlib import Path
 from types import UnionType
 from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
 import numpy as np
 
+from .conventions import DISTRUST
 from .errors import WrongTake
 from .reading import check_record, parse_json
 from .records import Body, Recovery
@@ -97,6 +100,16 @@ def read_body(take: Take) -> Body:
 def read_recovery(take: Take) -> Recovery:
     """The recovery of a take."""
     return recovery_of(take.read_arrays(TRAJECTORY))
+
+
+def useless_notes(trajectory: Path) -> list[str]:
+    """The notes of a recovery's file that call its field useless, without reading the rest of it; or that they cannot be read."""
+    try:
+        with np.load(trajectory, allow_pickle=False) as arrays:
+            notes = json.loads(str(arrays["notes"]))
+    except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
+        return [f"The notes in {trajectory} cannot be read ({error}): run `recover` again."]
+    return [note for note in notes if DISTRUST in note]
 
 
 def recovery_of(arrays: dict[str, np.ndarray]) -> Recovery:

@@ -14,11 +14,11 @@ import pytest
 
 from seeing_wind.engine.command import verbs
 from seeing_wind.engine.command.reporting import report_result
-from seeing_wind.engine.conventions import UNHELD
+from seeing_wind.engine.conventions import DISTRUST, UNHELD
 from seeing_wind.engine.errors import MissingPackage, TakeError, UsageError
 from seeing_wind.engine.progress import Cancelled, Journal, NoProgress, Progress
 from seeing_wind.engine.records import Outcome, Recovery
-from seeing_wind.engine.recovery.diagnostics.remarks import DISTRUST, EXPLAINS_NOTHING, worst_first
+from seeing_wind.engine.recovery.diagnostics.remarks import EXPLAINS_NOTHING, worst_first
 from seeing_wind.engine.take import Take
 from tests.engine.fields import UniformField
 

@@ -15,11 +15,11 @@ from seeing_wind.engine.command.trajectories.file import READ, TRUTH
 from seeing_wind.engine.command.trajectories.sheets import read_sheet
 from seeing_wind.engine.command.trajectories.spacing import particle_spacing
 from seeing_wind.engine.command.verbs import VERBS
+from seeing_wind.engine.conventions import DISTRUST
 from seeing_wind.engine.errors import MaterialError, ObjectError, SeeingWindError, UsageError
 from seeing_wind.engine.field import distillation
 from seeing_wind.engine.materials import LIMITS, find
 from seeing_wind.engine.progress import NoProgress, Progress
-from seeing_wind.engine.recovery.diagnostics.remarks import DISTRUST
 
 LATTICE = 0.1 * np.stack(np.meshgrid(*[np.arange(3.0)] * 3, indexing="ij"), -1).reshape(-1, 3)
 FALL = np.stack([LATTICE - [0, 0, 4.9 * (t / 24) ** 2] for t in range(6)])

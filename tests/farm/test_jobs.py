@@ -6,12 +6,14 @@ import argparse
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from seeing_wind.engine.command.batch.in_order import run_in_order
 from seeing_wind.engine.command.batch.jobs import FIELD, Job, read_jobs
 from seeing_wind.engine.command.batch.summary import Summary
 from seeing_wind.engine.command.batch.verb import batch
+from seeing_wind.engine.conventions import DISTRUST
 from seeing_wind.engine.errors import SeeingWindError, UsageError
 from seeing_wind.engine.progress import Cancelled, NoProgress
 from seeing_wind.engine.take import Take
@@ -120,6 +122,20 @@ def test_a_job_that_needs_the_take_of_a_failed_one_does_not_run_on_an_older_take
     assert begun[2:] == ["a", "later", "b"]
 
 
+def test_a_field_of_no_use_is_told_each_time_and_by_the_exit_code(workplace: Path) -> None:
+    def useless(job: Job, made: bool) -> None:
+        make(job, made)
+        notes = ["The tracks are off.", f"{DISTRUST}: 48 pixels off."]
+        np.savez(job.take / "trajectory.npz", notes=np.array(json.dumps(notes)))
+
+    for outcome in ("done", "skipped"):
+        assert run(workplace, do=useless) == 3
+        assert [(row["outcome"], row["warnings"]) for row in rows(workplace)] == [(outcome, [f"{DISTRUST}: 48 pixels off."])]
+    (workplace / "leaf.take" / "trajectory.npz").write_bytes(b"damaged")
+    assert run(workplace) == 3
+    assert "cannot be read" in rows(workplace)[0]["warnings"][0]
+
+
 def test_a_cancel_leaves_the_rest_and_forgets_nothing_that_was_done_before(workplace):
     text = TABLE.format("a") + TABLE.format("b")
     (workplace / "jobs.toml").write_text(text)
@@ -218,6 +234,7 @@ def test_options_become_words(workplace):
         ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nrecover = { objects = "none.json" }', "objects of job 1: there is no file"),
         ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nrecover = { body = "none.take" }', "body of job 1: there is no folder"),
         ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nsave = "a.blend.zip"', "save of job 1: a.blend.zip cannot be saved"),
+        ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nrender = "clip.mp4"', r"job 1 would write \S*clip\.mp4, which job 1 reads"),
         ('[[job]]\ntake = "t"\nclip = "shot_%04d.png"', "there are no images"),
         ('[[job]]\ntake = 3\nclip = "clip.mp4"', "no text"),
         ('[[job]]\nname = "a"\ntake = "t"\nclip = "clip.mp4"\n[[job]]\nname = "a"\ntake = "u"\nclip = "clip.mp4"', "Two jobs"),

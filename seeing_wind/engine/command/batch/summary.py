@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from ... import systems
@@ -28,6 +28,8 @@ class Outcome:
     """Digest of all that the job's takes are made from; "" until they are made."""
     digest: str = ""
     """Digest of the whole job; "" until it is done."""
+    warnings: list[str] = field(default_factory=list)
+    """Why a recovered field should not be used."""
 
 
 class Summary:
@@ -80,15 +82,17 @@ class Summary:
     def skip(self, job: Job) -> Outcome:
         """Note that a job was done in an earlier run."""
         takes, digest = self._before[job.name]
-        return self._note(Outcome(job.name, "skipped", 0.0, self._rest(job, "done before, nothing has changed"), takes, digest))
+        message = self._rest(job, "done before, nothing has changed")
+        return self._note(Outcome(job.name, "skipped", 0.0, message, takes, digest, _warnings(job)))
 
     def end(self, job: Job, outcome: str, seconds: float, message: str = "") -> Outcome:
         """Note how a job ended, and write the summary."""
-        takes = digest = ""
+        takes, digest, warnings = "", "", []
         if outcome == "done":
+            warnings = _warnings(job)
             takes, message = job.takes_digest(), self._rest(job, message)
             digest = job.digest() if self.whole or not job.needs_blender else ""
-        return self._note(Outcome(job.name, outcome, round(seconds, 1), message, takes, digest))
+        return self._note(Outcome(job.name, outcome, round(seconds, 1), message, takes, digest, warnings))
 
     def _rest(self, job: Job, message: str) -> str:
         left = "save and render are left for Blender" if job.needs_blender and not self.whole else ""
@@ -108,15 +112,29 @@ class Summary:
 
     @property
     def exit_code(self) -> int:
-        """130 if a job was cancelled, 1 if one failed, otherwise 0."""
-        return 130 if self.count("cancelled") else 1 if self.count("failed") else 0
+        """130 if a job was cancelled, 1 if one failed, 3 if a recovered field should not be used, otherwise 0."""
+        return 130 if self.count("cancelled") else 1 if self.count("failed") else 3 if self.warnings else 0
+
+    @property
+    def warnings(self) -> list[str]:
+        """Those of all jobs, each after its job's name."""
+        return [f"{each.name}: {warning}" for each in self.outcomes.values() for warning in each.warnings]
 
     def table(self) -> str:
         """The outcomes as a text table, in the order of the jobs' file."""
         rows = [self.outcomes[job.name] for job in self.jobs if job.name in self.outcomes]
         width = max((len(each.name) for each in rows), default=0)
         lines = [f"  {each.name:<{width}}  {each.outcome:<9}  {each.seconds:>8.1f} s  {each.message}".rstrip() for each in rows]
-        return "\n".join([*lines, f"{self.count('done', 'skipped')} of {len(self.jobs)} jobs are done"])
+        return "\n".join([*lines, *self.warnings, f"{self.count('done', 'skipped')} of {len(self.jobs)} jobs are done"])
+
+
+def _warnings(job: Job) -> list[str]:
+    """Why the fields that the job recovered should not be used; [] where they can be."""
+    if job.source is None:
+        return []
+    from ...record_arrays import useless_notes  # imports NumPy, which Blender should not load when it starts
+
+    return [note for made in sorted(job.take.rglob("trajectory.npz")) for note in useless_notes(made)]
 
 
 def _former(summary: Path) -> dict[str, tuple[str, str]]:

@@ -97,4 +97,4 @@ def _result(summary: Summary) -> dict[str, Any]:
         told = "; ".join(f"{each.name}: {each.message}" for each in failed)
         raise SeeingWindError(f"{len(failed)} of {len(summary.jobs)} jobs failed. {told}", f"All outcomes are in {summary.path}.")
     jobs = [{"name": each.name, "outcome": each.outcome, "seconds": each.seconds} for each in summary.outcomes.values()]
-    return {"outcome": "converged", "summary": str(summary.path), "jobs": jobs}
+    return {"outcome": "converged", "summary": str(summary.path), "jobs": jobs, "warnings": summary.warnings}

@@ -165,7 +165,7 @@ def _tracks(seen: Observation) -> Verdict:
         return Verdict(
             "tracks",
             1.0 - 0.5 * least / FEW_TRACKS,
-            f"Only {least} points are followed in the poorest frame.",
+            f"Only {least} {'point is' if least == 1 else 'points are'} followed in the worst frame.",
             "Film closer, or shorten the clip.",
         )
     return Verdict("tracks", 0.0, f"At least {least} points are followed in every frame.")

@@ -11,6 +11,9 @@ from ...reading import read_arrays
 SIGMA = 0.3
 """Standard deviation [px] of tracks that come without one."""
 
+FARTHEST = 1e5
+"""Largest coordinate of a visible point [px], larger than any image."""
+
 FEW = 3
 """Least number of tracks that determine how a body turns."""
 
@@ -67,13 +70,13 @@ def checked_tracks(path: str, frames: int, first_frame: int) -> tuple[np.ndarray
             raise UsageError(f"The tracks {path} have {len(xy)} rows, the clip {frames} frames.", SHAPES)
         part, skipped = slice(first_frame, first_frame + frames), first_frame
         xy, visible, sigma = xy[part], visible[part], sigma[part]
-    lost = visible & ~(np.isfinite(xy).all(axis=2) & np.isfinite(sigma) & (sigma > 0.0))
+    lost = visible & ~((np.abs(xy) <= FARTHEST).all(axis=2) & np.isfinite(sigma) & (sigma > 0.0))
     if lost.any():
         row, track = np.argwhere(lost)[0]
         raise UsageError(
             f"The tracks {path}: track {track} is visible in row {row + skipped}, at {xy[row, track].tolist()} with sigma "
             f"{sigma[row, track]:g}.",
-            "A visible point needs finite pixels and a sigma above 0: mark it as not visible where it has none.",
+            f"A visible point lies within {FARTHEST:g} pixels and has a sigma above 0: set `visible` to false where there is none.",
         )
     return xy, visible, sigma
 

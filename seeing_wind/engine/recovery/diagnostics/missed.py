@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...conventions import frame_named, in_units
+from ...conventions import DISTRUST, frame_named, in_units
 from ...errors import ObjectError
 from ...records import Particles
 from ..targets.channels import noise_of
@@ -14,7 +14,7 @@ from ..targets.constants import NOISE
 from ..targets.objective import Channels
 from ..targets.points import PointChannels
 from ..targets.tracks import TrackChannels
-from .remarks import DISTRUST, EXPLAINS_NOTHING, STILL, force_remarks, radius_of
+from .remarks import EXPLAINS_NOTHING, STILL, force_remarks, radius_of
 
 ASTRAY, ASTRAY_NOISE = 0.1, 10.0
 """A simulation explains nothing if its residual exceeds all of these: the body's size, the first number times the points' largest

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...conventions import UNHELD, frame_named, frames_named, in_figures, in_units
+from ...conventions import DISTRUST, UNHELD, frame_named, frames_named, in_figures, in_units
 from ...records import Particles
 from ..prior.basis import runs_of
 from ..targets.clamp_motion import ClampMotion
@@ -15,8 +15,6 @@ from ..targets.objective import Channels
 from ..targets.points import PointChannels
 from ..targets.tracks import TrackChannels
 
-DISTRUST = "Do not use this field"
-"""Part of every note that calls a field useless."""
 EXPLAINS_NOTHING = "no force explains this motion"
 """Part of the note of `missed.astray`."""
 SUDDEN, SUDDEN_WAY = 6.0, 1e-4
