@@ -150,7 +150,7 @@ def test_an_object_that_can_hardly_be_in_metres_is_told(disc: Scene) -> None:
     assert any("in metres?" in message["message"] for message in told if message["type"] == "warning")
 
 
-@pytest.mark.parametrize("case", ["keys", "rows", "shape", "nan", "sight", "sigma", "off", "text", "none"])
+@pytest.mark.parametrize("case", ["keys", "rows", "shape", "nan", "far", "sight", "sigma", "off", "text", "none"])
 def test_track_files_refused(disc: Scene, tmp_path: Path, case: str) -> None:
     xy = np.tile(disc.centers[0], (13, 4, 1))
     values = {"xy": xy, "visible": np.ones((13, 4), bool), "sigma": np.full((13, 4), 0.2)}
@@ -162,6 +162,8 @@ def test_track_files_refused(disc: Scene, tmp_path: Path, case: str) -> None:
         values["visible"] = np.ones((13, 3), bool)
     elif case == "nan":
         xy[9, 1] = np.nan
+    elif case == "far":
+        xy[9, 1] = 1e200
     elif case == "sight":
         values["visible"] = np.where(np.eye(13, 4) > 0, np.nan, 1.0)
     elif case == "sigma":
