@@ -83,7 +83,7 @@ def recover(options: list[str]) -> None:
     surface = Surface(x, triangles, x[:, [0, 2]] + 0.5, riding)
     body = to_arrays(Particles(x, np.full(16, 1e-5), np.zeros(16, bool), 0.13), "particles.") | to_arrays(surface, "surface.")
     take.write_arrays("particles.npz", body)
-    take.write_arrays("trajectory.npz", {"x": moving, "fps": np.array(FPS)})
+    take.write_arrays("trajectory.npz", {"x": moving, "fps": np.array(FPS), "notes": np.array("[]")})
     with take.writing("field.safetensors") as path:
         path.write_bytes(b"no field")
     first = int(options[options.index("--frames") + 1].split(":")[0]) if "--frames" in options else 0
