@@ -33,6 +33,7 @@ from __future__ import annotations
 import math
 import re
 from bisect import bisect_right
+from collections.abc import Sequence
 from dataclasses import field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -124,6 +125,12 @@ def frames_named(first: int, last: int) -> str:
 
 DISTRUST = "Do not use this field"
 """Part of every note that calls a field useless."""
+
+
+def distrusted(notes: Sequence[str]) -> list[str]:
+    """The notes of a recovery that call its field useless."""
+    return [note for note in notes if DISTRUST in note]
+
 
 UNHELD = "Nothing was marked as held"
 """Beginning of the note on a force that only balances gravity: by it the panel recognises the note, and offers the remedy."""

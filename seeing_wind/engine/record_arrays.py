@@ -12,7 +12,7 @@ from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
 import numpy as np
 
-from .conventions import DISTRUST
+from .conventions import distrusted
 from .errors import WrongTake
 from .reading import check_record, parse_json
 from .records import Body, Recovery
@@ -109,7 +109,7 @@ def useless_notes(trajectory: Path) -> list[str]:
             notes = json.loads(str(arrays["notes"]))
     except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
         return [f"The notes in {trajectory} cannot be read ({error}): run `recover` again."]
-    return [note for note in notes if DISTRUST in note]
+    return distrusted(notes)
 
 
 def recovery_of(arrays: dict[str, np.ndarray]) -> Recovery:

@@ -25,7 +25,7 @@ def report_result(take: Take, recovery: Recovery, level: str, clip: str, draw: D
         clip: path that the report names; "" for trajectories.
         draw: draws the report, keeping finished parts in the journal, and returns the content of report.json.
     """
-    from ..recovery.diagnostics.remarks import distrusted
+    from ..conventions import distrusted
 
     try:
         report = _report_stage(take, level, clip, draw, progress)

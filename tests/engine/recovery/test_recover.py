@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from seeing_wind.engine.conventions import distrusted
 from seeing_wind.engine.errors import ObjectError, UsageError
 from seeing_wind.engine.field.confidence import confidence_map
 from seeing_wind.engine.progress import Cancelled, NoProgress, Progress
 from seeing_wind.engine.records import Attachment, Outcome, Particles, PointTargets, TrackTargets
 from seeing_wind.engine.recovery.blocks import blocks
 from seeing_wind.engine.recovery.diagnostics.missed import far_off, free_fall
-from seeing_wind.engine.recovery.diagnostics.remarks import distrusted
 from seeing_wind.engine.recovery.recover import recover
 from seeing_wind.engine.recovery.solve.constants import PACE
 from seeing_wind.engine.recovery.targets.objective import Objective

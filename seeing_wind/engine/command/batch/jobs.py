@@ -174,10 +174,10 @@ def _check_together(jobs: list[Job]) -> None:
             raise UsageError(
                 f"{job.name} has neither a clip nor a take with a field.", 'Add clip = "...", or put it under the job that makes the take.'
             )
-        for output in (job.save, job.render):
-            read = [other.name for other in jobs if output is not None and output in other.reads()]
-            if read:
-                raise UsageError(f"{job.name} would write {output}, which {read[0]} reads.", "Give it another path.")
+        for kept in filter(None, (job.save, job.render)):
+            reader = next((other.name for other in jobs if kept in other.reads()), None)
+            if reader is not None:
+                raise UsageError(f"{job.name} would write {kept}, which {reader} reads.", "Give it another path.")
         for output in (job.edit_take, job.save, job.render):
             if output is not None and written.setdefault(output, job.name) != job.name:
                 raise UsageError(f"{written[output]} and {job.name} both write {output}.", "Give one of them another path.")

@@ -33,11 +33,6 @@ LOOSE = 3.0
 """Median distance [px] of the tracks on held parts from their places, from which there is a note."""
 
 
-def distrusted(notes: Sequence[str]) -> list[str]:
-    """The notes of a recovery that call its field useless."""
-    return [note for note in notes if DISTRUST in note]
-
-
 def worst_first(notes: Sequence[str]) -> list[str]:
     """A recovery's notes, sorted: first those that call its field useless, then that nothing was held, then the others as they were."""
     return sorted(notes, key=lambda note: 0 if DISTRUST in note or EXPLAINS_NOTHING in note else 1 if UNHELD in note else 2)

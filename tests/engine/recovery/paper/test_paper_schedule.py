@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from seeing_wind.engine.conventions import front_view
+from seeing_wind.engine.conventions import distrusted, front_view
 from seeing_wind.engine.errors import ObjectError, UsageError
 from seeing_wind.engine.field import distill
 from seeing_wind.engine.look.splatting import render_gaussians
@@ -16,7 +16,6 @@ from seeing_wind.engine.mpm.state import State
 from seeing_wind.engine.observe.object.motion.control import attach
 from seeing_wind.engine.progress import Cancelled, NoProgress, Progress
 from seeing_wind.engine.records import Attachment, Camera, Gaussians, Material, Particles, PointTargets, TrackTargets
-from seeing_wind.engine.recovery.diagnostics.remarks import distrusted
 from seeing_wind.engine.recovery.paper.field import PlaneField
 from seeing_wind.engine.recovery.paper.flow_depth_loss import FlowDepthLoss, SceneFlow
 from seeing_wind.engine.recovery.paper.image_loss import Filmed, ImageLoss

@@ -11,14 +11,13 @@ import pytest
 from seeing_wind.engine.command.arguments import parser
 from seeing_wind.engine.command.trajectories.sheets import read_sheet
 from seeing_wind.engine.command.verbs import VERBS
-from seeing_wind.engine.conventions import front_view
+from seeing_wind.engine.conventions import distrusted, front_view
 from seeing_wind.engine.errors import ObjectError, SimulationError
 from seeing_wind.engine.field import distillation, load_field
 from seeing_wind.engine.look.report.accuracy import field_errors
 from seeing_wind.engine.mpm.shell import shell_of
 from seeing_wind.engine.progress import Journal, NoProgress
 from seeing_wind.engine.records import Attachment, Camera, Measured, TrackTargets
-from seeing_wind.engine.recovery.diagnostics.remarks import distrusted
 from seeing_wind.engine.recovery.prior.basis import hats, spatial_basis
 from seeing_wind.engine.recovery.wind.sheet import stage
 from seeing_wind.engine.recovery.wind.sheet.air import Air, Push
