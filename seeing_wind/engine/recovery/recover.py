@@ -21,7 +21,7 @@ from ..progress import Journal, Progress
 from ..records import Material, Particles, PointTargets, Recovery, TrackTargets
 from ..settings import RecoverSettings
 from .clip import Clip, still_frames
-from .diagnostics.remarks import BORNE, moving_clamp_remark, ringing_remarks
+from .diagnostics.remarks import BORNE, DRAFT, moving_clamp_remark, ringing_remarks
 from .solve.constants import PACE
 from .solve.known_body import KnownBody
 from .solve.stiffness import Stiffness, is_free, youngs_modulus
@@ -74,7 +74,8 @@ def recover(
     if moving is not None:
         sources = [moving.in_clamp_frame(one) for one in sources if isinstance(one, PointTargets)]
     channels = [channels_of(particles, one, plastic) for one in sources]
-    notes = [] if moving is None else [moving_clamp_remark(moving)]
+    notes = [DRAFT] if settings.iterations == 1 else []
+    notes += [] if moving is None else [moving_clamp_remark(moving)]
     if material.law not in LAWS:
         notes.append(f"{material.name}: the solver has no law {material.law}; the force was recovered as if the body were elastic.")
         material = replace(material, law="corotated")

@@ -42,10 +42,10 @@ class RecoverSettings:
     )  # fmt: skip
     ringing: str = option(
         "found", label="Ringing", group=SOLVE,
-        help="whether a time in which a held body swings freely, until its swing dies away, counts as still air",
+        help="what becomes of frames in which a held body swings freely until its swing dies away",
         choices={
-            "found": "no force is looked for in it, if the body's weight is borne or left out and --still is not given",
-            "ignored": "a force is looked for in it, as everywhere",
+            "found": "they count as still air, unless --still is given or gravity makes the body sag",
+            "ignored": "a force is looked for in them, as in all others",
         },
     )  # fmt: skip
     representation: str = option(

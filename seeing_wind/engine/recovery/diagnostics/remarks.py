@@ -69,6 +69,10 @@ def motion_remarks(particles: Particles, x: np.ndarray, residual: np.ndarray, vi
     return notes
 
 
+DRAFT = (
+    "This is a draft, from one iteration: its force is rough, and so is every verdict on it. Recover without --iterations 1 for the "
+    "final one."
+)
 BORNE = (
     "The object is taken to bear its weight as it stands in frame 0, so the force found is what moves it from there. Where it did begin "
     "without a load, its points would be seen to sag."
