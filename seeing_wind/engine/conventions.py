@@ -31,6 +31,7 @@ or the number of cores are not among them; they stand where they are used.
 from __future__ import annotations
 
 import math
+import os
 import re
 from bisect import bisect_right
 from collections.abc import Sequence
@@ -105,6 +106,13 @@ def image_files(path: str) -> list[Path]:
         name = re.sub(r"%0?\d*d", r"(\\d+)", re.sub(r"([.()\[\]+])", r"\\\1", place.name))
         files = [file for file in place.parent.glob("*") if re.fullmatch(name, file.name)] if place.parent.is_dir() else []
     return sorted(files, key=lambda file: [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", file.name)])
+
+
+def in_the_way(path: Path) -> Path | None:
+    """The part of a folder's path, or the whole of it, that exists and is not a folder, so that the folder cannot be made."""
+    # unlike Path's, these functions accept names that no file system allows
+    return next((part for part in (path, *path.parents) if os.path.exists(part) and not os.path.isdir(part)), None)
+
 
 FRAME = re.compile(r"\bframe (\d+)\b(?! of the file)")
 """A frame as `frame_named` writes it."""

@@ -46,6 +46,10 @@ class Progress:
         """A `Progress` for the part of the current stage from fraction `begin` to `end`."""
         return _Part(self, begin, end)
 
+    def quiet(self) -> Progress:
+        """A `Progress` with the same safe points that reports nothing."""
+        return _Quiet(self)
+
     def warn(self, message: str) -> None:
         """Tell the user something that does not stop the job."""
         self._emit({"type": "warning", "stage": self.stage, "message": message})
@@ -70,6 +74,15 @@ class _Part(Progress):
 
     def warn(self, message: str) -> None:
         self._whole.warn(message)
+
+    def check(self) -> None:
+        self._whole.check()
+
+
+class _Quiet(Progress):
+    def __init__(self, whole: Progress) -> None:
+        super().__init__()
+        self._whole = whole
 
     def check(self) -> None:
         self._whole.check()

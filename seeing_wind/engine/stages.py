@@ -181,7 +181,7 @@ def check_solve(settings: RecoverSettings, clip: bool, views: int = 0) -> None:
         from .recovery.stage import known_body
 
         if not Path(settings.body).is_dir():
-            raise UsageError(f"--body names {settings.body}, which is no folder.", "Give the take of another clip of the same thing.")
+            raise UsageError(f"--body names {settings.body}, which is not a folder.", "Give the take of another clip of the same thing.")
         known_body(settings.body)
     if settings.schedule == "paper" and (settings.still is not None or settings.body is not None):
         raise UsageError("--still and --body belong to the default schedule.", "Leave them out, or leave out --schedule paper.")

@@ -24,6 +24,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from . import systems
+from .conventions import in_the_way
 from .errors import NO_PATH, TakeError, UsageError, WrongTake
 from .progress import Progress
 from .reading import LARGEST_TAKE, read_arrays, read_json, read_toml
@@ -67,15 +68,14 @@ class Take:
         """Make the folder and check that it can be written to, before hours of work depend on it.
 
         Raises:
-            TakeError: it cannot be written to. WrongTake: the path is invalid. UsageError: it is a file.
+            TakeError: it cannot be written to. WrongTake: the path is invalid. UsageError: as `refuse_file`.
         """
         if systems.too_long(self.path, LONGEST_NAME):
             raise TakeError(
                 f"The path of the take is too long for this Windows: {self.path.absolute()}.",
                 "Choose a folder with a shorter path, or switch long paths on in Windows.",
             )
-        if self.path.exists() and not self.path.is_dir():
-            raise UsageError(f"{self.path} is there already and is no folder.", "Choose another folder with --take.")
+        self.refuse_file()
         try:
             self.path.mkdir(parents=True, exist_ok=True)
             with tempfile.TemporaryFile(dir=self.path):
@@ -83,6 +83,13 @@ class Take:
         except OSError as error:
             kind = WrongTake if error.errno in NO_PATH else TakeError
             raise kind(f"{self.path} cannot be written: {error.strerror or error}.", "Choose another folder with --take.") from error
+
+    def refuse_file(self) -> None:
+        """Raise UsageError if there is a file, or anything else but a folder, in the folder's place or on the way to it."""
+        other = in_the_way(self.path)
+        if other is not None:
+            where = "" if other == self.path else f", so {self.path} cannot be made"
+            raise UsageError(f"{other} is there already and is not a folder{where}.", "Choose another folder with --take.")
 
     def clear_leftovers(self) -> None:
         """Remove unfinished files of processes that no longer run."""
@@ -108,7 +115,7 @@ class Take:
             target.parent.mkdir(parents=True, exist_ok=True)
             if target.exists() and not target.is_file():
                 # a rename would put a file in the place of /dev/null
-                raise WrongTake(f"Cannot write {target}: it is there already and is no regular file.", "Choose another path.")
+                raise WrongTake(f"Cannot write {target}: it is there already and is not a regular file.", "Choose another path.")
             yield aside
             with open(aside, "rb+") as handle:
                 os.fsync(handle.fileno())
@@ -135,7 +142,7 @@ class Take:
         try:
             values = read_json(self.file(name))
             if not isinstance(values, dict):
-                raise ValueError("it is no mapping")
+                raise ValueError("it is not a mapping")
         except (OSError, ValueError) as error:
             hint = f"Run `recover` for this take {'again' if self.file(name).exists() else 'first'}."
             raise WrongTake(f"{self.file(name)} cannot be read: {_reason(error)}.", hint) from error
@@ -178,9 +185,9 @@ class Take:
                 raise ValueError(f"its format is {found!r}, and there is only {FORMAT}")
             stages = values.get("stages", {})
             if not isinstance(stages, dict) or not all(isinstance(stage, dict) for stage in stages.values()):
-                raise ValueError("its stages are no tables")
+                raise ValueError("its stages are not tables")
             if not all(isinstance(stage.get("settings", {}), dict) for stage in stages.values()):
-                raise ValueError("its stages' settings are no tables")
+                raise ValueError("its stages' settings are not tables")
         except (OSError, ValueError) as error:
             hint = "Remove it to start the take afresh; the other files are kept."
             raise WrongTake(f"{path} cannot be read: {_reason(error)}.", hint) from error

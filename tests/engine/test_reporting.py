@@ -158,7 +158,7 @@ def test_what_is_coarser_or_shorter_than_in_full_says_that_it_is_a_preview(edit:
 def test_a_folder_that_cannot_be_written_is_told_before_anything_is_simulated(edit: Namespace, monkeypatch: pytest.MonkeyPatch) -> None:
     Path(edit.take).write_text("a file")
     stages: list[str] = []
-    with pytest.raises(UsageError, match="is no folder"):
+    with pytest.raises(UsageError, match="is not a folder"):
         verbs.resimulate(edit, Progress(lambda message: stages.append(message["stage"])))
     assert not stages
 

@@ -60,7 +60,7 @@ def test_what_is_no_regular_file_is_not_replaced(tmp_path: Path) -> None:
     take.file("link.npz").symlink_to("pipe.npz")
     before = {path.name: path.lstat().st_mode for path in tmp_path.iterdir()}
     for name in before:
-        with pytest.raises(TakeError, match="no regular file"):
+        with pytest.raises(TakeError, match="not a regular file"):
             take.write_arrays(name, {"a": np.zeros(3)})
     assert {path.name: path.lstat().st_mode for path in tmp_path.iterdir()} == before
 
@@ -85,7 +85,7 @@ def test_a_take_is_seen_to_be_writable_first(tmp_path: Path) -> None:
     Take(tmp_path / "deep" / "take").prepare()
     assert (tmp_path / "deep" / "take").is_dir() and not list((tmp_path / "deep" / "take").iterdir())
     (tmp_path / "file").write_text("x")
-    with pytest.raises(UsageError, match="is no folder"):
+    with pytest.raises(UsageError, match="is not a folder"):
         Take(tmp_path / "file").prepare()
 
 

@@ -130,7 +130,7 @@ def export_field(
         Take(out.parent).write_arrays(name, {**arrays, "fps": np.array(field.fps), "box": field.box})
         return [out.with_name(name)]
     if out.exists() and not out.is_dir():
-        raise UsageError(f"{out} is there already and is no folder, and {kind} is one file per frame.", "--out must be a folder's path.")
+        raise UsageError(f"{out} is there already and is not a folder, and {kind} is one file per frame.", "--out must be a folder's path.")
     folder, files = Take(out), []
     for frame in range(field.frames):
         contents = {f"frame_{frame:04d}.{kind}": _ply(field, points, frame, wind) if kind == "ply" else _fga(field, points, shape, frame)}

@@ -108,7 +108,7 @@ class Option:
         except ValueError:
             raise self._wrong(called, self.form.must if self.form else f"be {KINDS[self.kind]}", text) from None
         if (self.file or self.folder) and not text.strip():
-            raise UsageError(f"{called}: '{text}' is no path.", self.sentence())
+            raise UsageError(f"{called}: '{text}' is not a path.", self.sentence())
         if self.form is None:
             self.check(value, called)
         return value

@@ -60,14 +60,18 @@ def read_edit(path: str | os.PathLike[str]) -> Edit:
 
 
 def names_in(edit: Path | None) -> list[str]:
-    """The paths of files in an edit, as written there; none if the edit cannot be read, which the engine reports when it reads it."""
+    """The paths of files in an edit, as written there; none if the edit cannot be read, which the engine reports when it reads it.
+
+    A body whose mesh is "recovered" has no file of that name.
+    """
     try:
         tables = read_toml(edit) if edit is not None else {}
     except (OSError, ValueError):
         return []
     files = {one.name for cls in (BodyEdit, ColliderEdit, Edit) for one in options_of(cls).values() if one.file}
     rows = [tables, *(row for key in ("body", "collider") for row in tables.get(key, ()) if isinstance(row, dict))]
-    return [value for row in rows for key, value in row.items() if key in files and isinstance(value, str)]
+    named = [(key, value) for row in rows for key, value in row.items() if key in files and isinstance(value, str)]
+    return [value for key, value in named if (key, value) != ("mesh", "recovered")]
 
 
 def _check_names(names: list[str]) -> None:

@@ -61,7 +61,7 @@ def refuse_of_another(folder: Path, clip: str) -> None:
     named = _of_another(folder, clip)
     if named:
         raise TakeError(
-            f"{folder} is the take of another clip, {named}, and not of {clip}.",
+            f"{folder} is the take of another clip, {named}, not of {clip}.",
             "Choose another Take, or move that folder away if it is not needed.",
         )
 

@@ -45,7 +45,7 @@ def test_files_that_hold_no_points(known_wind, tmp_path):
 
 def test_a_folder_of_frames_takes_no_file_s_place(known_wind, tmp_path):
     (tmp_path / "clip.mp4").write_bytes(b"mine")
-    with pytest.raises(UsageError, match="clip.mp4 is there already and is no folder"):
+    with pytest.raises(UsageError, match="clip.mp4 is there already and is not a folder"):
         export_field(known_wind, "ply", tmp_path / "clip.mp4")
     assert (tmp_path / "clip.mp4").read_bytes() == b"mine"
 

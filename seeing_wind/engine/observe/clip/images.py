@@ -26,7 +26,7 @@ def read_image(path: str | os.PathLike[str], flags: int = cv2.IMREAD_COLOR) -> n
     except cv2.error as error:
         raise ValueError(_too_large("its header states") if "CV_IO_MAX_IMAGE" in str(error) else "it is damaged") from error
     if image is None:
-        raise ValueError("it is no image, or is damaged")
+        raise ValueError("it is not an image, or is damaged")
     check_size(image.shape[1], image.shape[0])
     return image
 

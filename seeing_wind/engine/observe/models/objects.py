@@ -164,7 +164,7 @@ def read_objects(path: str) -> list[dict[str, Any]]:
             raise UsageError(f"{path}: these values of object {number} are missing or of the wrong kind: {', '.join(wrong)}.", advice)
         if not os.path.isfile(one["mask"]):
             hint = "Run `identify` again, or correct the path; it counts from the folder in which `recover` is run."
-            raise UsageError(f"{path}: the mask of object {number}, {one['mask']}, is no file.", hint)
+            raise UsageError(f"{path}: the mask of object {number}, {one['mask']}, is not a file.", hint)
         if not re.fullmatch(r"[A-Za-z0-9_-]+", one["name"]) or one["name"].upper() in RESERVED:
             raise UsageError(f"{path}: the name of object {number}, {one['name'][:40]!r}, cannot be a file's name.", advice)
     names = [one["name"] for one in listed]

@@ -180,5 +180,5 @@ def test_a_mask_that_is_gone_is_told_before_the_first_object_is_recovered(tmp_pa
     one = {"name": "a", "object": "leaf", "material": "leaf", "mask": str(tmp_path / "a.png"), "law": "neo_hookean"} | dict.fromkeys(RANGES)
     gone = one | {"name": "b", "mask": str(tmp_path / "b.png")}
     (tmp_path / "objects.json").write_text(json.dumps({"objects": [one, gone]}))
-    with pytest.raises(UsageError, match=r"the mask of object 2, \S*b\.png, is no file"):
+    with pytest.raises(UsageError, match=r"the mask of object 2, \S*b\.png, is not a file"):
         read_objects(str(tmp_path / "objects.json"))
