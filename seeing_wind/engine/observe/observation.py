@@ -22,12 +22,12 @@ from .clip.lens import Lens
 from .clip.opencv_threads import one_thread
 from .clip.shake import as_filmed, turning
 from .following import follow
+from .given import check_given
 from .mask.background import clean_plate
 from .mask.first_mask import read_mask
 from .networks import check_networks
 from .outline import find_outline
 from .steady import Steady, steady_clip
-from .tracks.file import checked_tracks
 from .working_size import WorkingSize, working_scale
 
 HUGE = 50.0
@@ -73,8 +73,7 @@ def _observe(
 
     clip = read_clip(path, settings.frames, settings.fps, progress, resized=resized, watch=watch)
     check_frames(clip.frames, clip.first_frame, progress)
-    if settings.tracks is not None:
-        checked_tracks(settings.tracks, len(clip.frames), clip.first_frame)  # told before the object is sought, and in the file's pixels
+    check_given(settings, clip, progress)
     if clip.frames.shape[1:3] == clip.size:
         return _seen(clip, settings, progress, journal, beside, ready)
     size = WorkingSize(*clip.size, working_scale(settings, *clip.size))

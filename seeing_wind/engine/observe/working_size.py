@@ -92,8 +92,11 @@ class WorkingSize:
             (folder / "camera.json").write_text(json.dumps(self._camera(camera)), encoding="utf-8")
         if settings.tracks is not None:
             xy, visible, sigma = load_tracks(settings.tracks)
-            changes["tracks"] = str(folder / "tracks.npz")
-            np.savez(folder / "tracks.npz", xy=self.inward(xy), visible=visible, sigma=sigma / self._factor.mean())
+            copy = folder / "tracks" / Path(settings.tracks).name  # messages have the file's name
+            copy.parent.mkdir()
+            changes["tracks"] = str(copy)
+            with open(copy, "wb") as file:
+                np.savez(file, xy=self.inward(xy), visible=visible, sigma=sigma / self._factor.mean())
         if settings.box is not None:
             changes["box"] = tuple(float(value) for value in self.inward(np.reshape(settings.box, (2, 2))).ravel())
         if settings.points is not None:

@@ -144,6 +144,28 @@ def test_given_tracks_replace_ours(disc: Scene, tmp_path: Path) -> None:
     assert any("One track" in message["message"] for message in told if message["type"] == "warning")
 
 
+def test_rows_of_tracks_beyond_the_clip_are_told(disc: Scene, tmp_path: Path) -> None:
+    rows = np.tile(disc.centers[0], (15, 4, 1)) + np.random.default_rng(0).uniform(-9, 9, (4, 2))
+    np.savez(tmp_path / "tracks.npz", xy=rows, visible=np.ones((15, 4), bool))
+    for frames, tells in ((None, 1), ((0, 6), 0)):
+        told: list[dict] = []
+        settings = ObserveSettings(box=disc.box, distance=1.0, tracks=str(tmp_path / "tracks.npz"), frames=frames)
+        observe(disc.path, settings, Progress(told.append))
+        surplus = [one for one in told if one["type"] == "warning" and "15 rows, the clip 13 frames: the last 2 are not used" in one["message"]]
+        assert len(surplus) == tells, "rows after a chosen range may belong to the clip's other frames"
+
+
+def test_tracks_beside_the_object_are_named_also_in_a_smaller_copy_of_the_clip(tmp_path: Path) -> None:
+    frames = np.full((3, 90, 1600, 3), 90, np.uint8)
+    for t, frame in enumerate(frames):
+        frame[20:70, 100 + 9 * t : 400 + 9 * t] = 220
+        cv2.imwrite(str(tmp_path / f"{t}.png"), frame)
+    np.savez(tmp_path / "blender.npz", xy=np.full((3, 4, 2), 5.0), visible=np.ones((3, 4), bool))
+    settings = ObserveSettings(box=(95.0, 15.0, 405.0, 75.0), distance=1.0, fps=25.0, tracks=str(tmp_path / "blender.npz"))
+    with pytest.raises(UsageError, match="^No track of blender.npz is visible on the object in the first frame."):
+        observe(tmp_path, settings, NoProgress())
+
+
 def test_an_object_that_can_hardly_be_in_metres_is_told(disc: Scene) -> None:
     told: list[dict] = []
     observe(disc.path, ObserveSettings(box=disc.box, distance=1500.0, frames=(0, 2)), Progress(told.append))

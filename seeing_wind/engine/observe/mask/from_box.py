@@ -38,7 +38,7 @@ def mask_in_box(
         UsageError: a box outside the frame, without area, or round the whole frame.
         ObjectError: nothing in the box stands out.
     """
-    inside = _pixels_of(box, *frame.shape[:2])
+    inside = pixels_in(box, *frame.shape[:2])
     if plate is None or moving is None:
         mask = by_colors(frame, inside, progress)
     else:
@@ -126,8 +126,8 @@ def box_round(mask: np.ndarray) -> tuple[float, float, float, float]:
     return max(x0 - margin, 0.0), max(y0 - margin, 0.0), min(x1 - 1 + margin, width - 1.0), min(y1 - 1 + margin, height - 1.0)
 
 
-def _pixels_of(box: tuple[float, float, float, float], height: int, width: int) -> np.ndarray:
-    """The pixels (H, W) bool inside `box`; raises UsageError as `mask_in_box` does."""
+def pixels_in(box: tuple[float, float, float, float], height: int, width: int) -> np.ndarray:
+    """The pixels (H, W) bool inside a box (x0, y0, x1, y1) [px]; raises UsageError as `mask_in_box` does."""
     if not np.isfinite(box).all() or box[2] <= box[0] or box[3] <= box[1]:
         raise UsageError(f"The box {numbers(box)} has no area.", "Give X0 Y0 X1 Y1 with X0 < X1 and Y0 < Y1, in pixels from the top left.")
     x0, y0 = max(int(np.floor(box[0])), 0), max(int(np.floor(box[1])), 0)

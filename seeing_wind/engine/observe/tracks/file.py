@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
 from ...errors import UsageError
@@ -39,7 +41,8 @@ def read_tracks(
     on = visible[0] & inside & mask[np.clip(nearest[:, 1], 0, height - 1), np.clip(nearest[:, 0], 0, width - 1)]
     if not on.any():
         raise UsageError(
-            "No track of --tracks is visible on the object in the first frame.", "Check the mask, and that pixels count from the top left."
+            f"No track of {Path(path).name} is visible on the object in the first frame.",
+            "Check the mask, and that pixels count from the top left.",
         )
     if not on.all():
         progress.warn(f"{int((~on).sum())} of {len(on)} tracks do not start on the object in the first frame and are left out.")
@@ -51,12 +54,15 @@ def read_tracks(
     return held[:, on], visible[:, on], np.where(visible, sigma, SIGMA)[:, on]
 
 
-def checked_tracks(path: str, frames: int, first_frame: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def checked_tracks(
+    path: str, frames: int, first_frame: int, beyond: Progress | None = None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """xy (T+1, K, 2) [px], visible (T+1, K) bool and sigma (T+1, K) [px] of all tracks of a file: what can be told before the object is.
 
     Args:
         path: NPZ; one row per frame of the chosen range, or of the whole file.
         frames: T + 1, the frames of the range, which begins at `first_frame`.
+        beyond: told of rows beyond the last frame; None if the clip has further frames, to which they may belong.
 
     Raises:
         UsageError: unreadable, keys or shapes wrong, or values of visible points not finite.
@@ -68,6 +74,8 @@ def checked_tracks(path: str, frames: int, first_frame: int) -> tuple[np.ndarray
     if len(xy) != frames:
         if len(xy) < first_frame + frames:
             raise UsageError(f"The tracks {path} have {len(xy)} rows, the clip {frames} frames.", SHAPES)
+        if beyond is not None:
+            beyond.warn(f"The tracks {path} have {len(xy)} rows, the clip {frames} frames: the last {len(xy) - frames} are not used.")
         part, skipped = slice(first_frame, first_frame + frames), first_frame
         xy, visible, sigma = xy[part], visible[part], sigma[part]
     lost = visible & ~((np.abs(xy) <= FARTHEST).all(axis=2) & np.isfinite(sigma) & (sigma > 0.0))
