@@ -7,19 +7,15 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
-from benchmarks.scenes.gusts import GustField
 from seeing_wind.engine import __version__
 from seeing_wind.engine.command.arguments import parser
 from seeing_wind.engine.errors import DONE_WITH_WARNINGS, UsageError
-from seeing_wind.engine.field.confidence import ConfidenceMap
-from seeing_wind.engine.field.representations.point import ForceFieldPoint
 from seeing_wind.engine.progress import NoProgress, Progress
 from seeing_wind.engine.record_arrays import from_arrays
 from seeing_wind.engine.records import Observation
@@ -27,51 +23,7 @@ from seeing_wind.engine.settings import ObserveSettings
 from seeing_wind.engine.settings.tables import read_edit
 from seeing_wind.engine.stages import observe_stage
 from seeing_wind.engine.take import Take
-from tests.faults.worker import Worker
-
-FLAT = np.full((48, 64, 3), 90, dtype=np.uint8)
-
-
-def in_a_process_of_its_own(*arguments: object, expect: int) -> list[dict]:
-    """Run the worker, check its exit code and that stdout holds JSON lines only."""
-    run = subprocess.run([sys.executable, "-m", "seeing_wind.engine", *map(str, arguments)], capture_output=True, text=True, timeout=300)
-    messages = [json.loads(line) for line in run.stdout.splitlines()]
-    assert run.returncode == expect, (run.returncode, messages[-2:], run.stderr[-2000:])
-    return messages
-
-
-@pytest.fixture(scope="module")
-def engine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..., list[dict]]]:
-    """The same, forked from a warm engine where there are forks: most of a short job is its imports."""
-    if not hasattr(os, "fork"):
-        yield in_a_process_of_its_own
-        return
-    home = tmp_path_factory.mktemp("home")
-    with Worker() as worker:
-
-        def run(*arguments: object, expect: int, file_bytes: int | None = None) -> list[dict]:
-            done = worker.run([str(word) for word in arguments], home, seconds=300.0, file_bytes=file_bytes)
-            assert done.code == expect and not done.traceback, (done.code, done.messages[-2:], done.stderr[-2000:])
-            return done.messages
-
-        yield run
-
-
-def clip(path: Path, frames: int = 8, moving: bool = True) -> Path:
-    """A bright square that drifts over a plain background, or an empty scene."""
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 25.0, (64, 48))
-    for t in range(frames):
-        frame = FLAT.copy()
-        if moving:
-            frame[10 + t : 30 + t, 12:32] = 220
-        writer.write(frame)
-    writer.release()
-    return path
-
-
-@pytest.fixture
-def square(tmp_path: Path) -> Path:
-    return clip(tmp_path / "square.avi")
+from tests.engine.command_line import clip, in_a_process_of_its_own
 
 
 @pytest.mark.parametrize(
@@ -91,7 +43,7 @@ def square(tmp_path: Path) -> Path:
         (["--yield-stress", "9", "--box", "12", "10", "32", "30"], "leaf has the elastic law neo_hookean"),
         (["--frame-iterations", "5", "--box", "12", "10", "32", "30"], "--frame-iterations belongs to --schedule paper."),
         (["--schedule", "paper", "--iterations", "5"], "--iterations 5 belongs to the default schedule."),
-        (["--body", "nobody.take", "--box", "12", "10", "32", "30"], "--body names nobody.take, which is no folder."),
+        (["--body", "nobody.take", "--box", "12", "10", "32", "30"], "--body names nobody.take, which is not a folder."),
         (["--poisson-ratio", "0.5", "--box", "12", "10", "32", "30"], "oisson"),
     ],
 )
@@ -123,7 +75,7 @@ def test_a_further_view_that_is_not_there_is_told_before_the_work(engine, square
     assert "the clip itself" in missing["message"] and not (tmp_path / "t.take").exists()
     other = clip(tmp_path / "other.avi")
     missing = engine("recover", square, "--take", tmp_path / "t.take", *box, "--view", other, tmp_path / "c.json", "m.png", expect=2)[-2]
-    assert "c.json, which is no file" in missing["message"] and not (tmp_path / "t.take").exists()
+    assert "c.json, which is not a file" in missing["message"] and not (tmp_path / "t.take").exists()
 
 
 def test_a_further_view_of_other_frames_is_told_before_the_work(engine, square: Path, tmp_path: Path) -> None:
@@ -140,7 +92,7 @@ def test_a_further_view_of_other_frames_is_told_before_the_work(engine, square: 
 
 def test_a_take_that_is_a_file(engine, square: Path) -> None:
     error = engine("recover", square, "--take", square, "--box", 12, 10, 32, 30, expect=2)[-2]
-    assert "is no folder" in error["message"] and "--take" in error["hint"]
+    assert "is not a folder" in error["message"] and "--take" in error["hint"]
 
 
 def test_a_report_that_cannot_be_written_is_an_exit_code_of_its_own(engine, square: Path, tmp_path: Path) -> None:
@@ -210,14 +162,6 @@ def test_what_the_engine_says_of_itself_and_of_frame_rates(engine, square: Path,
     assert "`--fps` must be above 0 per second; this is 0." in error["message"]
 
 
-def test_a_take_that_has_lost_its_object_is_not_said_to_be_of_trajectories(engine, windy: Path, tmp_path: Path) -> None:
-    (tmp_path / "edit.toml").write_text('[[body]]\nname = "leaf"\nmesh = "recovered"\n')
-    words = ["resimulate", windy, "--edit", tmp_path / "edit.toml", "--take", tmp_path / "o.take"]
-    assert "came from trajectories" in engine(*words, expect=2)[-2]["hint"]
-    Take(windy).finish("build", "stamp", {})
-    assert "particles.npz is missing" in engine(*words, expect=2)[-2]["hint"]
-
-
 @pytest.mark.parametrize("box", [(100, 100, 140, 140), (-50, -50, -10, -10)])
 def test_a_box_outside_the_frame(engine, square: Path, tmp_path: Path, box: tuple[int, ...]) -> None:
     messages = engine("recover", square, "--take", tmp_path / "t.take", "--box", *box, expect=2)
@@ -230,101 +174,6 @@ def test_a_mask_of_nothing(engine, square: Path, tmp_path: Path) -> None:
     assert "0 pixels" in error["message"] and "mask" in error["hint"].lower()
 
 
-def test_a_take_without_a_field_cannot_be_sampled(engine, tmp_path: Path) -> None:
-    np.save(tmp_path / "p.npy", np.zeros((3, 3)))
-    error = engine("sample", tmp_path, "--points", tmp_path / "p.npy", "--frame", 0, "--out", tmp_path / "o.npz", expect=2)[-2]
-    assert "no recovered field" in error["message"] and not (tmp_path / "o.npz").exists()
-
-
-@pytest.fixture
-def windy(tmp_path: Path) -> Path:
-    """A take with a field of 4 frames, and points p.npy of the first beside it."""
-    (tmp_path / "windy.take").mkdir()
-    box = np.array([[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]])
-    GustField(1, box, 25.0, 4, np.zeros(3), 2.0, wavelength=1.0, period=0.8).save(tmp_path / "windy.take" / "field.safetensors")
-    np.save(tmp_path / "p.npy", np.random.default_rng(0).uniform(size=(20_000, 3)))
-    return tmp_path / "windy.take"
-
-
-def test_samples_say_how_far_from_the_object_they_are(engine, tmp_path: Path) -> None:
-    x = np.random.default_rng(0).uniform(size=(4, 50, 3))
-    seen = ConfidenceMap(x, np.ones((4, 50)), 0.02)
-    for name in ("field", "wind"):
-        field = ForceFieldPoint(np.array([[0.0] * 3, [1.0] * 3]), 25.0, 4, x, np.ones((4, 50, 3)), seen)
-        field.kind = {"field": "force"}.get(name, name)
-        field.save(tmp_path / f"{name}.safetensors")
-    np.save(tmp_path / "p.npy", np.array([x[2, 7], [0.5, 0.5, 3.0]]))
-    engine("sample", tmp_path, "--points", tmp_path / "p.npy", "--frame", 2, "--out", tmp_path / "o.npz", expect=0)
-    with np.load(tmp_path / "o.npz") as found:
-        assert found["distance"] == pytest.approx([0.0, np.linalg.norm(x[2] - [0.5, 0.5, 3.0], axis=1).min() - 0.01])
-        np.testing.assert_array_equal(found["wind_distance"], found["distance"])
-
-
-def test_a_field_that_fades_is_weaker_away_from_the_object_in_samples_and_exports(engine, tmp_path: Path) -> None:
-    x = np.random.default_rng(0).uniform(0.0, 0.1, (4, 50, 3))
-    box = np.array([[0.0] * 3, [1.0] * 3])
-    for name in ("field", "wind"):
-        field = ForceFieldPoint(box, 25.0, 4, x, 3.0 + x, ConfidenceMap(x, np.ones((4, 50)), 0.02))
-        field.kind = {"field": "force"}.get(name, name)
-        field.save(tmp_path / f"{name}.safetensors")
-    np.save(tmp_path / "p.npy", np.array([x[2, 7], [0.3, 0.3, 0.3], [0.9, 0.9, 0.9], [0.05, 0.05, -0.2]]))
-    found = {}
-    for out, fades in (("whole", []), ("faded", ["--fade", 0.6])):
-        engine("sample", tmp_path, "--points", tmp_path / "p.npy", "--frame", 2, "--out", tmp_path / f"{out}.npz", *fades, expect=0)
-        engine("export", tmp_path, "--format", "npz", "--out", tmp_path / f"{out}_box.npz", *fades, expect=0)
-        found[out] = [dict(np.load(tmp_path / f"{out}{of}.npz")) for of in ("", "_box")]
-
-    def left(distance):
-        t = np.clip(distance / 0.6, 0.0, 1.0)
-        return (1.0 - t * t * (3.0 - 2.0 * t))[..., None]
-
-    (whole, whole_box), (faded, faded_box) = found["whole"], found["faded"]
-    beside, away = left(np.array([0.0, 0.0, 0.0, 0.2])), field.away(np.clip(np.load(tmp_path / "p.npy"), *box), 2)[0]
-    for key in ("force_density", "wind_velocity"):
-        np.testing.assert_allclose(faded[key], whole[key] * left(away) * beside)
-        share = np.stack([left(field.away(whole_box["points"], t)[0]) for t in range(4)])
-        np.testing.assert_allclose(faded_box[key], whole_box[key] * share)
-        assert (share > 0.9).any() and (share < 0.1).any()
-    for key in ("confidence", "distance"):
-        np.testing.assert_array_equal(faded[key], whole[key])
-    said = engine("sample", tmp_path, "--points", tmp_path / "p.npy", "--frame", 2, "--out", tmp_path / "o.npz", "--fade", 0, expect=2)[-2]
-    assert "--fade" in said["message"] and "above 0" in said["message"]
-
-
-@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="Windows has no such pipes")
-def test_results_do_not_replace_what_is_no_file(engine, windy: Path, tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "pipe.npz")
-    (tmp_path / "folder.npz").mkdir()
-    np.save(tmp_path / "p.npy", np.array([[0.0, np.nan, 0.0]]))  # which is told later
-    for verb in (["sample", windy, "--points", tmp_path / "p.npy", "--frame", 0], ["export", windy, "--format", "npz"]):
-        for name in ("pipe.npz", "folder.npz"):
-            error = engine(*verb, "--out", tmp_path / name, expect=2)[-2]
-            assert "no regular file" in error["message"] and error["hint"]
-        error = engine(*verb, "--out", windy / "field.safetensors" / "o.npz", expect=2)[-2]
-    assert (tmp_path / "pipe.npz").is_fifo()
-
-
-@pytest.mark.parametrize(
-    ("name", "text", "says"),
-    [
-        ("take.toml", "= broken", "take.toml cannot be read"),
-        ("take.toml", "format = 99", "of a newer version"),
-        ("field.safetensors", "no field", "cannot be read as a field"),
-        ("wind.safetensors", "no wind", "cannot be read as a field"),
-    ],
-)
-def test_a_damaged_take_is_wrong_input(engine, windy: Path, tmp_path: Path, name: str, text: str, says: str) -> None:
-    (windy / name).write_text(text)
-    (tmp_path / "edit.toml").write_text('field = "wind"\n[[body]]\nname = "leaf"\nmesh = "recovered"\n')
-    for verb in (
-        ["sample", windy, "--points", tmp_path / "p.npy", "--frame", 0, "--out", tmp_path / "o.npz"],
-        ["export", windy, "--format", "ply", "--out", tmp_path / "o"],
-        ["resimulate", windy, "--edit", tmp_path / "edit.toml", "--take", tmp_path / "r.take"],
-    ):
-        error = engine(*verb, expect=2)[-2]
-        assert says in error["message"] and error["hint"]
-
-
 def test_recovering_into_a_damaged_take_is_wrong_input(engine, square: Path, tmp_path: Path) -> None:
     (tmp_path / "t.take").mkdir()
     (tmp_path / "t.take" / "take.toml").write_text("format = 99")
@@ -334,14 +183,6 @@ def test_recovering_into_a_damaged_take_is_wrong_input(engine, square: Path, tmp
     deep = square / "t.take"
     error = engine("observe", square, "--take", deep, "--box", 12, 10, 32, 30, "--distance", 2, expect=2)[-2]
     assert str(deep) in error["message"] and "--take" in error["hint"]
-
-
-@pytest.mark.skipif(os.name == "nt", reason="Windows has no limit of a file's size")
-def test_a_full_disk_leaves_no_traceback(engine, windy: Path, tmp_path: Path) -> None:
-    """A limit of the file's size stops a write half-way, as a full disk does."""
-    out = tmp_path / "o.npz"
-    error = engine("sample", windy, "--points", tmp_path / "p.npy", "--frame", 0, "--out", out, expect=1, file_bytes=50_000)[-2]
-    assert "Cannot write" in error["message"] and error["hint"] and not out.exists()
 
 
 BLANK = [
@@ -358,7 +199,7 @@ BLANK = [
 
 @pytest.mark.parametrize("words", BLANK)
 def test_a_blank_path_is_not_the_current_folder(words: list[str]) -> None:
-    with pytest.raises(UsageError, match="is no path"):
+    with pytest.raises(UsageError, match="is not a path"):
         parser().parse_args(words)
 
 

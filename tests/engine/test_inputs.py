@@ -157,6 +157,43 @@ def test_a_re_simulation_of_another_edit_stays(mine, windy: Path, tmp_path: Path
         refuse_of_another_edit(Take(out), mended)
 
 
+@pytest.mark.parametrize("made", ["observation.npz", "solve.npz", "field.safetensors"])
+def test_a_recovery_stays_where_a_re_simulation_should_go(mine, windy: Path, tmp_path: Path, made: str) -> None:
+    edit, made_there = tmp_path / "edit.toml", mine(made)
+    edit.write_text('[[body]]\nname = "leaf"\nmesh = "leaf.obj"\n')
+    words = ["resimulate", windy, "--edit", edit, "--take"]
+    refused(made_there, *words, made_there.parent, says="own is the take of a recovery, not the folder of a re-simulation")
+    Take(made_there.parent).finish("observe", "0", {"clip": "pole.mp4"})
+    refused(made_there, *words, made_there.parent, says="own is the take of a recovery of pole.mp4, not the folder")
+    refused(windy / "field.safetensors", *words, windy, says="windy.take is the take of a recovery")
+
+
+def test_a_re_simulation_stays_where_a_recovery_should_go_and_is_done_again(windy: Path, tmp_path: Path) -> None:
+    edit, out, clip = tmp_path / "edit.toml", tmp_path / "out", tmp_path / "clip.mp4"
+    edit.write_text('[[body]]\nname = "leaf"\nmesh = "leaf.obj"\n')
+    cube = [(x, y, z) for x in (0.0, 0.1) for y in (0.0, 0.1) for z in (0.0, 0.1)]
+    faces = ["1 2 4 3", "5 7 8 6", "1 5 6 2", "3 4 8 7", "1 3 7 5", "2 6 8 4"]
+    (tmp_path / "leaf.obj").write_text("".join(f"v {x} {y} {z}\n" for x, y, z in cube) + "".join(f"f {each}\n" for each in faces))
+    resimulated = ["resimulate", windy, "--edit", edit, "--take", out]
+    run(*resimulated)
+    clip.write_bytes(MINE)
+    x = 0.1 * np.stack(np.meshgrid(*[np.arange(3.0)] * 3, indexing="ij"), -1).reshape(-1, 3)
+    np.savez(tmp_path / "truth.npz", x=np.stack([x - [0, 0, 0.01 * t * t] for t in range(5)]), fps=24.0, E=1e5)
+    says = "out holds a re-simulation of .*edit.toml, not a recovery"
+    for verb in ("observe", "recover"):
+        refused(out / "resimulation.json", verb, clip, "--take", out, "--box", 1, 1, 9, 9, says=says)
+    refused(out / "resimulation.json", "recover-trajectories", tmp_path / "truth.npz", "--take", out, says=says)
+    edit.write_text(edit.read_text() + "mass_scale = 2.0\n")
+    assert run(*resimulated)["outcome"] == "converged"
+
+
+def test_a_file_that_an_edit_names_is_missed_before_the_work(windy: Path, tmp_path: Path) -> None:
+    (tmp_path / "edit.toml").write_text('[[body]]\nname = "leaf"\nmesh = "recovered"\n[[collider]]\nname = "wall"\nmesh = "wall.obj"\n')
+    with pytest.raises(UsageError, match="There is no file wall.obj of .*edit.toml"):
+        run("resimulate", windy, "--edit", tmp_path / "edit.toml", "--take", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
 @pytest.mark.parametrize("made", ["take.toml", "field.safetensors"])
 def test_no_result_takes_the_place_of_a_takes_own_file(tmp_path: Path, made: str) -> None:
     refuse_result(tmp_path / "overlay.mp4")

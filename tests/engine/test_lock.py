@@ -86,14 +86,15 @@ def test_the_worker_refuses_a_take_that_is_held_and_reads_one_all_the_same(tmp_p
     np.save(tmp_path / "points.npy", np.zeros((1, 3)))
 
     reading = ["sample", folder, "--points", tmp_path / "points.npy", "--frame", 0, "--out", tmp_path / "out.npz"]
-    writing = ["resimulate", folder, "--edit", tmp_path / "edit.toml", "--take", folder]
-    with other_process(folder):
+    out = tmp_path / "out.take"
+    writing = ["resimulate", folder, "--edit", tmp_path / "edit.toml", "--take", out]
+    with other_process(folder), other_process(out):
         VERBS["sample"](parser().parse_args([*map(str, reading)]), NoProgress())
         command = [sys.executable, "-m", "seeing_wind.engine", *map(str, writing)]
         writes = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=300)
     assert (tmp_path / "out.npz").is_file()
     assert writes.returncode == 1 and "in use" in json.loads(writes.stdout.splitlines()[-1])["message"]
-    assert "Traceback" not in writes.stderr and not (folder / "bodies").exists()
+    assert "Traceback" not in writes.stderr and not (out / "bodies").exists()
 
 
 @pytest.mark.skipif(os.name == "nt", reason="making links needs a right of its own on Windows")
@@ -107,7 +108,7 @@ def test_a_link_in_the_place_of_the_lock_is_not_written_through(tmp_path: Path) 
     take.file(NAME).unlink()
     if hasattr(os, "mkfifo"):
         os.mkfifo(take.file(NAME))
-        with pytest.raises(TakeError, match="no regular file"), held(take, "recover", NoProgress()):
+        with pytest.raises(TakeError, match="not a regular file"), held(take, "recover", NoProgress()):
             pass
     assert (tmp_path / "precious").read_text() == "kept"
 

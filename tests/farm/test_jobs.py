@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 from pathlib import Path
 
@@ -12,10 +11,9 @@ import pytest
 from seeing_wind.engine.command.batch.in_order import run_in_order
 from seeing_wind.engine.command.batch.jobs import FIELD, Job, read_jobs
 from seeing_wind.engine.command.batch.summary import Summary
-from seeing_wind.engine.command.batch.verb import batch
 from seeing_wind.engine.conventions import DISTRUST
 from seeing_wind.engine.errors import SeeingWindError, UsageError
-from seeing_wind.engine.progress import Cancelled, NoProgress
+from seeing_wind.engine.progress import Cancelled
 from seeing_wind.engine.take import Take
 
 TABLE = '[[job]]\nname = "{0}"\nclip = "clip.mp4"\ntake = "{0}.take"\n'
@@ -117,7 +115,7 @@ def test_a_job_that_needs_the_take_of_a_failed_one_does_not_run_on_an_older_take
 
     ended = go(recovers=False)
     assert begun == ["a", "b"] and [row["outcome"] for row in ended] == ["failed", "failed", "done"]
-    assert ended[1]["message"].startswith("Left out: it needs ") and "a, which makes that, failed" in ended[1]["message"]
+    assert ended[1]["message"].startswith("Left out: it needs ") and '"a", which makes that, failed' in ended[1]["message"]
     go(recovers=True)  # and failed after that, say where it saves a file
     assert begun[2:] == ["a", "later", "b"]
 
@@ -215,7 +213,7 @@ def test_options_become_words(workplace):
     [
         ("", "it is empty"),
         ("x = 3", "no \\[\\[job\\]\\]"),
-        ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nrecover = { no_gravity = "yes" }', "no_gravity in recover of job 1 is 'yes'"),
+        ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nrecover = { no_gravity = "yes" }', r'no_gravity in recover of "job 1" is \'yes\''),
         ("[[job]", "not valid TOML"),
         ('[[job]]\nclip = "clip.mp4"', "no take"),
         ('[[job]]\ntake = "t"', "neither a clip nor"),
@@ -225,24 +223,36 @@ def test_options_become_words(workplace):
         ('[[job]]\ntake = "t"\ntrajectories = "clip.mp4"\nrender = "a.mp4"', "goes over a clip"),
         ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nrender = "a.avi"', "a.avi cannot be written"),
         ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nrecover = { material = "leef" }', "no material 'leef'"),
-        ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nrecover = { mask = "m.png" }', "mask of job 1: there is no file"),
-        ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nrecover = { mask = ["m.png"] }', r"mask in recover of job 1 is \['m.png'\]"),
-        ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nrecover = { material = 3 }', "material in recover of job 1 is 3"),
-        (VIEW.replace("side.json", "none.json"), r"view of job 1: there is no file \S*none\.json"),
-        (VIEW.replace("side.mp4", "none.mp4"), r"view of job 1: there is no file \S*none\.mp4"),
-        (VIEW.replace('view = ["side.mp4", ', "view = ["), r"view in recover of job 1 is \['side.json', 'side.png'\]"),
-        ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nrecover = { objects = "none.json" }', "objects of job 1: there is no file"),
-        ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nrecover = { body = "none.take" }', "body of job 1: there is no folder"),
-        ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nsave = "a.blend.zip"', "save of job 1: a.blend.zip cannot be saved"),
-        ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nrender = "clip.mp4"', r"job 1 would write \S*clip\.mp4, which job 1 reads"),
+        ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nrecover = { mask = "m.png" }', r'mask of "job 1": there is no file'),
+        ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nrecover = { mask = ["m.png"] }', r'mask in recover of "job 1" is \[\'m.png\'\]'),
+        ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nrecover = { material = 3 }', r'material in recover of "job 1" is 3'),
+        (VIEW.replace("side.json", "none.json"), r'view of "job 1": there is no file \S*none\.json'),
+        (VIEW.replace("side.mp4", "none.mp4"), r'view of "job 1": there is no file \S*none\.mp4'),
+        (VIEW.replace('view = ["side.mp4", ', "view = ["), r'view in recover of "job 1" is \[\'side.json\', \'side.png\'\]'),
+        (VIEW.replace('view = ["side.mp4", "side.json", "side.png"]', "view = []"), r'view in recover of "job 1" is \[\]'),
+        ('[[job]]\ntake = "made.take"\nrecover = { distance = 2.0 }', '"job 1" has options in recover, but nothing to recover'),
+        ('[[job]]\ntake = "clip.mp4"\nclip = "clip.mp4"', r'take of "job 1", \S*clip.mp4, cannot be written: \S*clip.mp4 is not a folder'),
+        ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nsave = "made.blend"', r'save of "job 1", \S*made.blend, is a folder'),
+        ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nrender = "made.mp4"', r'render of "job 1", \S*made.mp4, is a folder'),
+        ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nsave = "edit.toml/x/a.blend"', r"cannot be written: \S*edit.toml is not a folder"),
+        (FULL + 'edit_take = "leaf.take"', r'The edit_take of "leaf" is the take of "leaf", \S*leaf.take'),
+        (FULL + 'edit_take = "b.take"\n' + TABLE.format("b"), r'The edit_take of "leaf" is the take of "b"'),
+        (FULL + TABLE.format("b") + 'edit = "edit.toml"\nedit_take = "leaf.edit.take"', '"leaf" and "b" both write'),
+        ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nrecover = { objects = "none.json" }', r'objects of "job 1": there is no file'),
+        ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nrecover = { body = "none.take" }', r'body of "job 1": there is no folder'),
+        ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nsave = "a.blend.zip"', r'save of "job 1": a.blend.zip cannot be saved'),
+        ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nrender = "clip.mp4"', r'"job 1" would write \S*clip\.mp4, which "job 1" reads'),
         ('[[job]]\ntake = "t"\nclip = "shot_%04d.png"', "there are no images"),
-        ('[[job]]\ntake = 3\nclip = "clip.mp4"', "no text"),
+        ('[[job]]\ntake = 3\nclip = "clip.mp4"', "not a text"),
         ('[[job]]\nname = "a"\ntake = "t"\nclip = "clip.mp4"\n[[job]]\nname = "a"\ntake = "u"\nclip = "clip.mp4"', "Two jobs"),
-        ('[[job]]\ntake = "t"\nclip = "clip.mp4"\n[[job]]\ntake = "t"\nclip = "edit.toml"', "job 1 and job 2 recover different"),
+        ('[[job]]\ntake = "t"\nclip = "clip.mp4"\n[[job]]\ntake = "t"\nclip = "edit.toml"', '"job 1" and "job 2" recover different'),
         ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nsave = "a.blend"\n[[job]]\ntake = "u"\nclip = "clip.mp4"\nsave="a.blend"', "both write"),
     ],
 )
 def test_wrong_files_are_refused_before_anything_is_done(workplace, text, says):
+    for name in ("made.take", "made.blend", "made.mp4"):
+        (workplace / name).mkdir()
+    (workplace / "made.take" / FIELD).touch()
     (workplace / "jobs.toml").write_text(text)
     with pytest.raises(UsageError, match=says):
         read_jobs(workplace / "jobs.toml")
@@ -253,7 +263,7 @@ def test_a_file_that_a_job_above_makes_need_not_be_there(workplace: Path) -> Non
     (workplace / "jobs.toml").write_text(TABLE.format("a") + below)
     assert len(read_jobs(workplace / "jobs.toml")) == 2
     (workplace / "jobs.toml").write_text(below + TABLE.format("a"))
-    with pytest.raises(UsageError, match="pin of b: there is no file"):
+    with pytest.raises(UsageError, match='pin of "b": there is no file'):
         read_jobs(workplace / "jobs.toml")
 
 
@@ -270,7 +280,7 @@ def test_further_views_are_found_from_the_file_of_jobs(workplace: Path) -> None:
     (workplace / "side.mp4").unlink()
     (workplace / "shots").mkdir()
     (workplace / "jobs.toml").write_text(VIEW.replace("side.mp4", "shots"))
-    with pytest.raises(UsageError, match="view of job 1: there is no file"):
+    with pytest.raises(UsageError, match='view of "job 1": there is no file'):
         read_jobs(workplace / "jobs.toml")
     (workplace / "shots" / "0.png").touch()
     assert len(read_jobs(workplace / "jobs.toml")) == 1
@@ -281,26 +291,7 @@ def test_a_body_may_be_that_of_a_job_above(workplace: Path) -> None:
     assert read_jobs(workplace / "jobs.toml")[1].calls()[0][4:] == ["--body", str(workplace / "a.take")]
 
 
-def test_a_list_of_objects_is_read_before_any_job_is_begun(workplace: Path) -> None:
-    (workplace / "objects.json").write_text('{"objects": [{"name": "leaf"}]}')
-    (workplace / "jobs.toml").write_text(TABLE.format("first") + TABLE.format("all") + 'recover = { objects = "objects.json" }\n')
-    plain = argparse.Namespace(jobs=workplace / "jobs.toml", ray=None, shared=False, attempts=None, openjd=None, again=False)
-    with pytest.raises(UsageError, match="^all: .*objects.json: these values of object 1 are missing .*: object, material, mask"):
-        batch(plain, NoProgress())
-    assert not (workplace / "first.take").exists()
-
-
 def test_a_job_s_options_name_no_other_take(workplace: Path) -> None:
     (workplace / "jobs.toml").write_text(FULL.replace("distance = 2.0", 'take = "x"'))
     with pytest.raises(UsageError, match="names a take"):
         read_jobs(workplace / "jobs.toml")
-
-
-@pytest.mark.parametrize(("old", "new", "says"), [("distance = 2.0", "distance = -1", "at least 0.01 m"), ("box =", "bx =", "--bx")])
-def test_options_are_checked_before_any_job_is_begun(workplace: Path, old: str, new: str, says: str) -> None:
-    (workplace / "jobs.toml").write_text(TABLE.format("first") + FULL.replace(old, new))
-    plain = argparse.Namespace(jobs=workplace / "jobs.toml", ray=None, shared=False, attempts=None, openjd=None, again=False)
-    with pytest.raises(UsageError) as refused:
-        batch(plain, NoProgress())
-    assert refused.value.message.startswith("leaf: ") and says in refused.value.message
-    assert not (workplace / "first.take").exists() and not (workplace / "jobs.summary.json").exists()

@@ -13,7 +13,7 @@ ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = ROOT / "seeing_wind"
 HEAVY = ("torch", "taichi", "quadrants", "cv2", "scipy", "matplotlib", "trimesh", "safetensors")
 GROUND = ("conventions", "errors", "progress", "settings", "masks", "records", "record_arrays", "take", "materials", "reading", "systems")
-BATCH = tuple(f"seeing_wind.engine.command.batch.{name}" for name in ("jobs", "summary", "in_order"))
+BATCH = tuple(f"seeing_wind.engine.command.batch.{name}" for name in ("jobs", "words", "summary", "in_order"))
 """Modules of `engine/command/batch/` that both sides use; they stand on the ground floor too."""
 
 

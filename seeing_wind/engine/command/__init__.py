@@ -1,7 +1,8 @@
 """The command line, by concern.
 
     arguments.py     verbs and options              verbs.py       what each verb does; the short ones
-    recover.py       from a clip or trajectories    resimulate.py  an edit in the recovered field
+    recover.py       from a clip to a field         resimulate.py  an edit in the recovered field
+    checks.py        what `recover` refuses before its work
     observe.py       what is seen, before the solve   join.py      one wind for several takes
     reporting.py     how a recovery ends: its report, its result
     lock.py          one writer per take            inputs.py      protects the user's files from being overwritten

@@ -21,6 +21,15 @@ from ..settings.recover import SOLVE
 
 DESCRIPTIONS = {NETWORKS: "each a folder, or a name in the hub's cache; see `doctor`"}
 """Descriptions of the option groups that need more than their title."""
+OWN_WORDS = (
+    (r"^argument (\S+): not allowed with argument (\S+)$", r"\1 is not allowed with \2"),
+    (r"^argument (\S+): expected (one|at least one) argument$", r"\1 needs a value"),
+    (r"^argument (\S+): expected (\d+) arguments$", r"\1 needs \2 values"),
+    (r"^unrecognized arguments:", "unknown options:"),
+    (r"^the following arguments are required:", "missing:"),
+    (r"^argument ", ""),
+)
+"""Patterns of argparse's messages, and what they are replaced by: a file of jobs has no arguments."""
 CLIP = "a video, or with --fps a folder of images or a pattern such as shot_%%04d.png"
 
 
@@ -38,7 +47,9 @@ class Parser(argparse.ArgumentParser):
         self._alternatives: dict[str, Any] = {}
 
     def error(self, message: str) -> NoReturn:
-        raise UsageError(f"{self.prog}: {message}.", f"See `{self.prog} --help`.")
+        for pattern, words in OWN_WORDS:
+            message = re.sub(pattern, words, message)
+        raise UsageError(f"{message[:1].upper()}{message[1:]}.", f"See `{self.prog} --help`.")
 
     def titled(self, title: str, description: str | None = None) -> Any:
         """The option group with that title, created at the first call."""
@@ -78,7 +89,7 @@ def _keywords(one: Option) -> dict[str, Any]:
 def path(text: str) -> str:
     """Read a path, which must not be blank: a blank one would mean the current folder."""
     if not text.strip():
-        raise argparse.ArgumentTypeError(f"'{text}' is no path")
+        raise argparse.ArgumentTypeError(f"'{text}' is not a path")
     return text
 
 

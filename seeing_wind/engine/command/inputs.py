@@ -21,6 +21,9 @@ SIGNS = ("take.toml", "take.lock", "field.safetensors")
 """A folder with any of these files is a take. A job that is killed before it stamps its first stage leaves only the lock."""
 TRUTH = ("trajectories", "truth")
 """Stage and key, in take.toml, under which a take keeps the file of trajectories that it was recovered from."""
+RECOVERED = ("observation.npz", "solve.npz", "field.safetensors")
+"""A folder with any of these files is the take of a recovery."""
+ELSEWHERE = "Choose another folder with --take, or move that one away."
 PROPOSED = "held.png"
 """The mask that `observe` proposes as held. The user may give it back as --pin; no stage writes it then."""
 
@@ -43,6 +46,17 @@ def inputs_of_edit(edit: Path) -> Iterator[tuple[str, Path]]:
     """An edit's file and the files that it names, each as (name in messages, path)."""
     yield str(edit), edit
     yield from ((f"{name} of {edit}", edit.parent / name) for name in names_in(edit))
+
+
+def check_place(take: Take, inputs: Iterable[tuple[str, Path]] = (), made: str = MADE) -> None:
+    """Check that a job can write into a take without replacing a file of the user's; arguments as of `refuse_overwriting`.
+
+    Raises:
+        UsageError: as `Take.refuse_file`, `refuse_overwriting` and `refuse_foreign`.
+    """
+    take.refuse_file()
+    refuse_overwriting(take, inputs, made)
+    refuse_foreign(take)
 
 
 def refuse_overwriting(take: Take, inputs: Iterable[tuple[str, Path]], made: str = MADE) -> None:
@@ -100,23 +114,22 @@ def refuse_result(path: Path, folder: bool = False) -> None:
     if any((path.parent / name).is_file() for name in ("take.toml", "field.safetensors")) and RESULTS.fullmatch(path.name):
         raise UsageError(f"{path} is a file of the take {path.parent}.", "Give --out another name.")
     if path.exists() and not path.is_file() and not (folder and path.is_dir()):
-        raise UsageError(f"{path} is there already and is no regular file.", "Give --out another name.")
+        raise UsageError(f"{path} is there already and is not a regular file.", "Give --out another name.")
 
 
 def refuse_of_another(take: Take, file: str) -> None:
-    """Check that a take of one clip, or of one file of trajectories, is not replaced by that of another one.
+    """Check that what is recovered from a clip or a file of trajectories replaces neither what came from another one nor a re-simulation.
 
     A copied or moved file counts as the same.
 
     Raises:
         UsageError: it would be replaced.
     """
-    for kind, of in (("clip", take.source_of("observe", "clip")), ("file of trajectories", take.source_of(*TRUTH))):
+    for kind, of in _sources_of(take):
         if _another(file, of):
-            raise UsageError(
-                f"{take.path} is the take of another {kind}, {of}, and not of {file}.",
-                "Choose another folder with --take, or move that one away.",
-            )
+            raise UsageError(f"{take.path} is the take of another {kind}, {of}, not of {file}.", ELSEWHERE)
+    if take.file("resimulation.json").exists() and not _recovered(take):
+        raise UsageError(f"{take.path} holds a re-simulation{_of(take.source_of('resimulate', 'edit'))}, not a recovery.", ELSEWHERE)
 
 
 def note_truth(take: Take, upstream: str, truth: str) -> None:
@@ -125,19 +138,33 @@ def note_truth(take: Take, upstream: str, truth: str) -> None:
 
 
 def refuse_of_another_edit(take: Take, edit: Path) -> None:
-    """Check that a re-simulation's folder is not that of another edit.
+    """Check that a re-simulation's folder is neither that of another edit nor the take of a recovery, its own source included.
 
     An edit that lies in the folder itself, as the panel's do, belongs to that folder.
 
     Raises:
-        UsageError: it is another edit's.
+        UsageError: it is.
     """
+    if _recovered(take):
+        of = next((of for _, of in _sources_of(take) if of), "")
+        raise UsageError(f"{take.path} is the take of a recovery{_of(of)}, not the folder of a re-simulation.", ELSEWHERE)
     of = take.source_of("resimulate", "edit")
     if not edit.resolve().is_relative_to(take.path.resolve()) and _another(str(edit), of):
-        raise UsageError(
-            f"{take.path} holds the re-simulation of another edit, {of}, and not of {edit}.",
-            "Choose another folder with --take, or move that one away.",
-        )
+        raise UsageError(f"{take.path} holds the re-simulation of another edit, {of}, not of {edit}.", ELSEWHERE)
+
+
+def _sources_of(take: Take) -> tuple[tuple[str, str], ...]:
+    """What a take was recovered from, as (kind, file); the file is "" for a kind that the take does not name."""
+    return (("clip", take.source_of("observe", "clip")), ("file of trajectories", take.source_of(*TRUTH)))
+
+
+def _recovered(take: Take) -> bool:
+    """Whether a folder is the take of a recovery, if only of one that has got no further than the observation."""
+    return any(take.file(name).exists() for name in RECOVERED)
+
+
+def _of(source: str) -> str:
+    return f" of {source}" if source else ""
 
 
 def _another(file: str, than: str) -> bool:

@@ -41,15 +41,14 @@ def held(take: Take, verb: str, progress: Progress, reads: Iterable[tuple[str, P
     Args:
         verb: the holder's verb, for the message to others.
         progress: gets a warning if the file system has no locks, so that nothing is held, or if the lock was removed meanwhile.
-        reads, made: what the job reads and writes, see `inputs.refuse_overwriting`.
+        reads, made: what the job reads and writes, see `inputs.check_place`.
 
     Raises:
         UsageError: an input, or a file in a folder that is not a take, would be overwritten; nothing is written then.
         TakeInUse: another process holds the take; the message says which, and since when.
         TakeError: the folder cannot be written to. WrongTake: the lock is not a file.
     """
-    inputs.refuse_overwriting(take, reads, made)
-    inputs.refuse_foreign(take)
+    inputs.check_place(take, reads, made)
     new = not take.path.exists()
     take.prepare()
     try:
@@ -97,7 +96,7 @@ def _opened(path: Path) -> IO[bytes]:
     file = os.fdopen(number, "r+b", buffering=0)
     if not stat.S_ISREG(os.fstat(number).st_mode):
         file.close()
-        raise WrongTake(f"{path} is no regular file.", "Remove it, or choose another folder with --take.")
+        raise WrongTake(f"{path} is not a regular file.", "Remove it, or choose another folder with --take.")
     return file
 
 

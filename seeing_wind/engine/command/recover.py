@@ -1,4 +1,4 @@
-"""The verbs *recover* and *recover-trajectories*: from options to one result. The stages do the work."""
+"""The verb *recover*: from options to one result. The stages do the work."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..errors import ClipError, ObjectError, UsageError
-from ..materials import adjust, find
+from ..errors import ObjectError, UsageError
 from ..progress import Journal, Progress
 from ..records import Body, Observation, Outcome, Recovery, TrackTargets
 from ..settings import BuildSettings, ObserveSettings, RecoverSettings, WindSettings
-from ..stages import build_stage, check_sheet, check_solve, frame_loss, lift_stage, observe_stage, track_targets, write_gaussians
+from ..stages import build_stage, check_sheet, frame_loss, lift_stage, observe_stage, track_targets, write_gaussians
 from ..take import Take, stamp_of
-from .arguments import observe_settings, properties_of, settings_of
-from .inputs import inputs_of, note_truth, refuse_of_another
+from .arguments import observe_settings, settings_of
+from .checks import check_files, check_options, check_recovery
+from .inputs import inputs_of, refuse_of_another
 from .join import join
 from .lock import held
 from .reporting import diverged_result, report_result
@@ -32,8 +32,6 @@ Result = dict[str, Any]
 
 KEPT = ("observation.npz", "particles.npz", "trajectory.npz", "field.safetensors")
 """Files that every finished recovery of a clip has."""
-PAINTED_DEPTH = 0.5
-"""Default of `RecoverSettings.clamp_depth` [grid cells] for a clip: a painted held part includes some material that gives way."""
 
 
 def recover(arguments: argparse.Namespace, progress: Progress) -> Result:
@@ -49,27 +47,46 @@ def _recover_objects(arguments: argparse.Namespace, progress: Progress) -> Resul
     Raises:
         UsageError: the file was not written by `identify`, or an option applies to a single object only.
     """
-    from ..observe.models.language import RANGES
-    from ..observe.models.objects import read_objects
-
-    if arguments.view or arguments.tracks:
-        raise UsageError("--view and --tracks belong to one object.", "Leave them out, or recover the objects one by one with --mask.")
-    home, found = Path(arguments.take), read_objects(arguments.objects)
+    home, found = Path(arguments.take), _each_object(arguments)
+    refuse_of_another(Take(home), arguments.clip)
     Take(home).prepare()
     results: list[Result] = []
-    for number, one in enumerate(found, start=1):
-        progress.begin("observe", f"{one['name']}, object {number} of {len(found)}")
-        own = argparse.Namespace(**vars(arguments))
-        vars(own).update({key: one[key] for key in ("mask", "law", *RANGES)})
-        own.objects, own.take = None, str(home / f"{one['name']}.take")
-        own.estimated_material, own.estimated_by = one["material"], f"{one['object']} of {Path(arguments.objects).name}"
-        own.pin = arguments.pin if arguments.pin and _on(one["mask"], arguments.pin) else None
-        results.append({"name": one["name"], **recover_one(own, progress)})
+    for number, (name, own) in enumerate(found.items(), start=1):
+        progress.begin("observe", f"{name}, object {number} of {len(found)}")
+        results.append({"name": name, **recover_one(own, progress)})
     Take(home).write_json("objects_recovered.json", {"clip": arguments.clip, "objects": results})
     shared = _join_winds(arguments, results, progress)
     worst = [outcome for outcome in (Outcome.DIVERGED, Outcome.MAX_ITERATIONS) if any(r["outcome"] == outcome for r in results)]
     outcome, warnings = worst[0] if worst else Outcome.CONVERGED, [f"{r['name']}: {one}" for r in results for one in r.get("warnings", [])]
     return {"outcome": outcome.value, "take": str(home), "objects": results, "warnings": warnings + shared}
+
+
+def check_recover(arguments: argparse.Namespace, progress: Progress) -> None:
+    """Refuse, before any job of a batch starts, what `recover` would refuse of its options and of the files that they name.
+
+    Raises:
+        UsageError: as `recover`. ClipError, UsageError, ObjectError: as `check_files`.
+    """
+    for own in [arguments] if arguments.objects is None else _each_object(arguments).values():
+        check_files(own, progress)
+
+
+def _each_object(arguments: argparse.Namespace) -> dict[str, argparse.Namespace]:
+    """The options for each object of --objects, by its name. Raises as `_recover_objects`."""
+    from ..observe.models.language import RANGES
+    from ..observe.models.objects import read_objects
+
+    if arguments.view or arguments.tracks:
+        raise UsageError("--view and --tracks belong to one object.", "Leave them out, or recover the objects one by one with --mask.")
+    found = {}
+    for one in read_objects(arguments.objects):
+        own = argparse.Namespace(**vars(arguments))
+        vars(own).update({key: one[key] for key in ("mask", "law", *RANGES)})
+        own.objects, own.take = None, str(Path(arguments.take) / f"{one['name']}.take")
+        own.estimated_material, own.estimated_by = one["material"], f"{one['object']} of {Path(arguments.objects).name}"
+        own.pin = arguments.pin if arguments.pin and _on(one["mask"], arguments.pin) else None
+        found[one["name"]] = own
+    return found
 
 
 def _join_winds(arguments: argparse.Namespace, results: list[Result], progress: Progress) -> list[str]:
@@ -103,47 +120,10 @@ def _on(mask: str, pin: str) -> bool:
 
 def recover_one(arguments: argparse.Namespace, progress: Progress) -> Result:
     """Recover one object of a clip into one take."""
-    from ..observe.clip.frames import require_clip
-
     # Errors in the options are reported before the work begins and before a folder is made.
-    require_clip(arguments.clip)
-    _check_views(arguments, progress)
-    adjust(find(arguments.material), **properties_of(arguments))
-    settings = settings_of(RecoverSettings, arguments, clamp_depth=PAINTED_DEPTH)
-    check_solve(settings, clip=True, views=len(arguments.view))
-    if arguments.form == "sheet":
-        check_sheet(settings)  # by default the object's size decides whether it is a sheet; `_sheet` checks that case later
-    _check_options(arguments, settings, arguments.frames, arguments.distance)
-    endpoint = asked_model(arguments)
-    refuse_of_another(Take(arguments.take), arguments.clip)
+    settings, endpoint = check_recovery(arguments, progress)
     with held(Take(arguments.take), arguments.verb, progress, inputs_of(arguments)) as take:
         return _recover_into(take, arguments, settings, endpoint, progress)
-
-
-def _check_views(arguments: argparse.Namespace, progress: Progress) -> None:
-    """Refuse further views that do not exist, or have another number of frames than the clip."""
-    from ..observe.clip.frames import count_frames, require_clip
-
-    if not arguments.view:
-        return
-    for clip, *files in arguments.view:
-        require_clip(clip)
-        if Path(clip).resolve() == Path(arguments.clip).resolve():
-            raise UsageError(f"--view names {clip}, the clip itself.", "A further view is what another camera took meanwhile.")
-        for name in files:
-            if not Path(name).is_file():
-                raise UsageError(f"--view names {name}, which is no file.", "Give each further view a clip, a camera and a mask.")
-    clips = (arguments.clip, *(view[0] for view in arguments.view))
-    try:
-        counts = {clip: count_frames(clip, arguments.frames, progress) for clip in clips}
-    except ClipError:
-        return  # reported by the stage that reads it
-    for clip, *_ in arguments.view:
-        if counts[clip] != counts[arguments.clip]:
-            raise UsageError(
-                f"--view {clip} has {counts[clip]} frames, and {arguments.clip} {counts[arguments.clip]}: views are of the same frames.",
-                "Cut one of them, or choose with --frames those that all have; the first is the same moment in all.",
-            )
 
 
 def _recover_into(
@@ -159,10 +139,10 @@ def _recover_into(
 
     def ready(clip: Steady) -> None:
         first = clip.clip.first_frame
-        _check_options(arguments, settings, (first, first + len(clip.clip.frames) - 1), clip.distance)
+        check_options(arguments, settings, (first, first + len(clip.clip.frames) - 1), clip.distance)
 
     observation, seen = _timed(seconds, "observe", lambda: observe_stage(take, arguments.clip, observing, progress, ready=ready))
-    _check_options(arguments, settings, (observation.first_frame, observation.first_frame + observation.frames), None)
+    check_options(arguments, settings, (observation.first_frame, observation.first_frame + observation.frames), None)
     building, asked = settings_of(BuildSettings, arguments), list[str]()
     if endpoint is not None:
         from ..observe.models.language import ask_material
@@ -266,77 +246,6 @@ def _sheet(
     seen = SheetSeen(body.path, faces, held, body.sheet, fps, body.path_sigma, body.measured, targets)
     found = sheet_stage(take, seen, upstream, settings, blown, progress)
     return found.recovery, found.field, found.wind, found.seconds
-
-
-def _check_options(
-    arguments: argparse.Namespace, settings: RecoverSettings, frames: tuple[int, int] | None, distance: float | None
-) -> None:
-    """Refuse options that later stages would refuse for this clip.
-
-    Only the checks for which the first and last of the `frames`, or the object's `distance` [m], are known by now are made.
-    """
-    from ..observe.object.shape.relief import check_thickness
-    from ..recovery.clip import still_frames
-
-    if frames is not None:
-        still_frames(settings, frames[1] - frames[0], frames[0])
-    if arguments.thickness is not None and distance is not None:
-        check_thickness(arguments.thickness, distance)
-
-
-def recover_trajectories(arguments: argparse.Namespace, progress: Progress) -> Result:
-    """`recover-trajectories TRUTH.npz --take DIR`."""
-    from ..recovery.clip import still_frames
-    from ..recovery.diagnostics.remarks import worst_first
-    from ..recovery.stage import recover_stage
-    from ..recovery.wind.stage import wind_stage
-    from .trajectories.bodies import read_trajectories
-    from .trajectories.sheets import is_sheet, recover_sheet
-
-    if is_sheet(arguments.truth):
-        return recover_sheet(arguments, progress)
-    take, preset = Take(arguments.take), find(arguments.material) if arguments.material else None
-    gravity = None if arguments.gravity is None else tuple(arguments.gravity)
-    source = read_trajectories(arguments.truth, preset, gravity, **properties_of(arguments))
-    particles, material = source.particles, source.material
-    settings = settings_of(RecoverSettings, arguments, gravity=source.gravity, clamp_depth=source.clamp_depth)
-    check_solve(settings, clip=False)
-    still_frames(settings, len(source.targets.visible) - 1)
-    refuse_of_another(take, arguments.truth)
-    with held(take, arguments.verb, progress, inputs_of(arguments)):
-        for note in source.notes:
-            progress.warn(note)
-        upstream = stamp_of("trajectories", Path(arguments.truth), material, source.targets)
-        recovery, field, seconds, expected = recover_stage(
-            take, particles, material, source.targets, source.fps, upstream, settings, progress
-        )
-        recovery = dataclasses.replace(recovery, notes=worst_first([*source.notes, *recovery.notes]))
-        if field is None:
-            return diverged_result(recovery)
-        note_truth(take, upstream, arguments.truth)
-        blown = settings_of(WindSettings, arguments)
-        wind = wind_stage(take, None, particles, material, recovery, source.fps, blown, settings, progress)
-        recovery = dataclasses.replace(recovery, notes=worst_first([*wind.notes, *recovery.notes]))
-
-        def draw(_: Journal) -> dict[str, Any]:
-            from ..look.report import write_trajectory_report
-
-            return write_trajectory_report(
-                take, particles, material, recovery, field, seconds, settings, progress, arguments.report, wind.told, expected
-            )
-
-        return report_result(take, recovery, arguments.report, "", draw, progress)
-
-
-def asked_model(arguments: argparse.Namespace) -> Endpoint | None:
-    """The vision-language model that --material-endpoint names, None without one."""
-    if arguments.material_endpoint is None and arguments.material_model is None:
-        return None
-    if arguments.material_endpoint is None or arguments.material_model is None:
-        raise UsageError("--material-endpoint and --material-model belong together.", "Give the address and the model's name there.")
-    from ..observe.models.endpoint import endpoint_of
-
-    return endpoint_of(arguments.material_endpoint, arguments.material_model)
 
 
 def _timed(seconds: dict[str, float], stage: str, work: Callable[[], Any]) -> Any:

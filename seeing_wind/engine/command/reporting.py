@@ -1,4 +1,7 @@
-"""The end of a recovery: drawing the report, and the result that the verb sends. Whatever fails here, the field is already in the take."""
+"""The end of a recovery: drawing the report, and the result that the verb sends. Whatever fails here, the field is already in the take.
+
+Other verbs repeat from here what the recovery's notes say against the field.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +11,7 @@ from typing import Any
 
 from ..errors import SeeingWindError
 from ..progress import Cancelled, Journal, Progress
+from ..record_arrays import TRAJECTORY, useless_notes
 from ..records import Outcome, Recovery
 from ..take import VERSION, Take, stamp_of
 
@@ -41,6 +45,13 @@ def report_result(take: Take, recovery: Recovery, level: str, clip: str, draw: D
         progress.warn(warning)
         found = {"outcome": recovery.outcome.value, "iterations": recovery.iterations, "notes": recovery.notes}
         return _summary(found, take) | {"warnings": [*distrusted(recovery.notes), warning]}
+
+
+def warn_of_useless(take: Take, progress: Progress) -> None:
+    """Repeat those notes of a take's recovery that call its field useless. A field that no recovery has made has no notes."""
+    if take.file(TRAJECTORY).is_file():
+        for note in useless_notes(take.file(TRAJECTORY)):
+            progress.warn(note)
 
 
 def _summary(report: dict[str, Any], take: Take) -> Result:

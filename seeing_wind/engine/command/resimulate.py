@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import os
+from collections.abc import Collection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,8 +16,9 @@ from ..progress import Progress
 from ..record_arrays import read_body, read_recovery
 from ..settings.tables import read_edit
 from ..take import Take, json_text, npz, require_take, stamp_of
-from .inputs import inputs_of_edit, made_of, refuse_of_another_edit
+from .inputs import check_place, inputs_of_edit, made_of, refuse_of_another_edit
 from .lock import held
+from .reporting import warn_of_useless
 
 if TYPE_CHECKING:
     from ..field import ForceField
@@ -29,8 +32,8 @@ def resimulate(arguments: argparse.Namespace, progress: Progress) -> dict[str, A
     from ..recovery.resimulate import simulate_bodies
     from ..recovery.wind.stage import FIELD, read_wind
 
-    source, out = require_take(arguments.source), Take(arguments.take)
-    edit, field = read_edit(arguments.edit), load_field(source.file("field.safetensors"))
+    source, edit = require_take(arguments.source), check_edit(arguments)
+    out, field = Take(arguments.take), load_field(source.file("field.safetensors"))
     field = _mover(edit, field, read_wind(source))
     recovered = None
     if any(body.mesh == "recovered" for body in edit.body):
@@ -41,7 +44,7 @@ def resimulate(arguments: argparse.Namespace, progress: Progress) -> dict[str, A
             raise UsageError(f"{source.path} has no recovered object.", f'{hint} instead of "recovered".')
         recovered = (read_body(source), read_recovery(source))
     stamp = stamp_of(Path(arguments.edit), source.file(FIELD if field.kind == "wind" else "field.safetensors"))
-    refuse_of_another_edit(out, Path(arguments.edit))
+    warn_of_useless(source, progress)
     holding = held(out, arguments.verb, progress, inputs_of_edit(Path(arguments.edit)), made_of(edit))
     with holding, TakeJournal(out, stamp, progress) as journal:
         progress.begin("resimulate", "simulating")
@@ -62,6 +65,41 @@ def resimulate(arguments: argparse.Namespace, progress: Progress) -> dict[str, A
             together.enter_context(out.writing("resimulation.json")).write_text(json_text(summary), encoding="utf-8")
     progress.update(1.0, "done")
     return {"outcome": "converged", "take": str(out.path), "bodies": figures}
+
+
+def check_resimulation(arguments: argparse.Namespace, progress: Progress, later: Collection[Path]) -> None:
+    """Refuse, before any job of a batch starts, what `resimulate` refuses before its work.
+
+    Args:
+        later: folders that are made before the job runs; what lies in them is not looked at.
+
+    Raises:
+        UsageError, WrongTake: as `require_take` and `check_edit`.
+    """
+    progress.check()
+    if Path(arguments.source) not in later:
+        require_take(arguments.source)
+    check_edit(arguments, later)
+
+
+def check_edit(arguments: argparse.Namespace, later: Collection[Path] = ()) -> Edit:
+    """The edit, whose files are there, and whose re-simulation replaces neither another one nor a recovery.
+
+    Args:
+        later: as of `check_resimulation`.
+
+    Raises:
+        UsageError: as `read_edit`, `refuse_of_another_edit` and `check_place`; or a file is missing.
+    """
+    path = Path(arguments.edit)
+    edit = read_edit(path)
+    refuse_of_another_edit(Take(arguments.take), path)
+    check_place(Take(arguments.take), inputs_of_edit(path), made_of(edit))
+    for called, file in inputs_of_edit(path):
+        whole = Path(os.path.abspath(file))
+        if not file.is_file() and not any(folder in whole.parents for folder in later):
+            raise UsageError(f"There is no file {called}.", "Correct the path; it is relative to the edit.")
+    return edit
 
 
 def _mover(edit: Edit, force: ForceField, wind: ForceField | None) -> ForceField:

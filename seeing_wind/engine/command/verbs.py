@@ -11,11 +11,14 @@ from ..errors import SeeingWindError, UsageError
 from ..progress import Progress
 from ..take import Take, require_take
 from .batch.verb import batch
+from .checks import asked_model
 from .inputs import inputs_of, refuse_overwriting, refuse_result
 from .join import join
 from .observe import observe
-from .recover import asked_model, recover, recover_trajectories
+from .recover import recover
+from .reporting import warn_of_useless
 from .resimulate import resimulate
+from .trajectories.verb import recover_trajectories
 
 if TYPE_CHECKING:
     from ..field import ForceField
@@ -28,17 +31,19 @@ def sample(arguments: argparse.Namespace, progress: Progress) -> Result:
     from ..field import distances, load_field, read_points, sample_points
     from ..recovery.wind.stage import read_wind
 
-    field = _felt(load_field(require_take(arguments.take).file("field.safetensors")), arguments)
+    take = require_take(arguments.take)
+    field = _felt(load_field(take.file("field.safetensors")), arguments)
     out = Path(arguments.out)
     if not out.name:
-        raise UsageError(f"'{arguments.out}' is no file's name.", "Give --out a path such as forces.npz.")
+        raise UsageError(f"'{arguments.out}' is not a file's name.", "Give --out a path such as forces.npz.")
     if out.resolve() == Path(arguments.points).resolve():
         raise UsageError(f"{out} is the file of the points.", "Give --out another name.")
     refuse_result(out)
+    warn_of_useless(take, progress)
     points, frame = read_points(arguments.points), arguments.frame
     force_density, confidence = sample_points(field, points, frame, progress)
     arrays = {"force_density": force_density, "confidence": confidence, "distance": distances(field, points, frame)}
-    wind = read_wind(Take(arguments.take))
+    wind = read_wind(take)
     if wind is not None:
         wind = _felt(wind, arguments)
         arrays["wind_velocity"], arrays["wind_confidence"] = sample_points(wind, points, frame, progress)
@@ -59,6 +64,7 @@ def export(arguments: argparse.Namespace, progress: Progress) -> Result:
     refuse_result(out, folder=arguments.format != "npz" or not out.name)
     if arguments.format == "npz" and out.name:
         refuse_result(out.with_name(f"{out.name.removesuffix('.npz')}.npz"))  # as it is completed
+    warn_of_useless(take, progress)
     progress.begin("export", arguments.format)
     files = export_field(field, arguments.format, Path(arguments.out), progress, wind=None if wind is None else _felt(wind, arguments))
     return {"outcome": "converged", "files": [str(path) for path in files]}

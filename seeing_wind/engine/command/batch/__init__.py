@@ -5,7 +5,7 @@
     farm.py      a batch on a Ray cluster           ray_cluster.py  the only module that uses Ray
     delivery.py  files to a node, and results back  node.py         a job on a node
     openjd.py    an Open Job Description            process.py      one verb in a process of its own
-    needs.py     cores and memory of a job
+    needs.py     cores and memory of a job           words.py        a job's options on the command line
 
-`jobs`, `summary` and `in_order` import only the engine's basic modules, as Blender's process uses them, too.
+`jobs`, `words`, `summary` and `in_order` import only the engine's basic modules, as Blender's process uses them, too.
 """

@@ -34,7 +34,7 @@ def order_of(job: Job, threads: int, shared: bool) -> Order:
 
 def _check_shippable(job: Job) -> None:
     for option in sorted({"objects", "view", *FOLDERS} & job.recover.keys()):
-        raise UsageError(f"The files of {option} in {job.name} cannot be shipped.", "Put the batch on a shared folder and add --shared.")
+        raise UsageError(f'The files of {option} in "{job.name}" cannot be shipped.', "Put the batch on a shared folder and add --shared.")
     for name in names_in(job.edit):
         if Path(name).is_absolute():
             raise UsageError(

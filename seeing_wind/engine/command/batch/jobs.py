@@ -23,11 +23,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ...conventions import image_files
+from ...conventions import image_files, in_the_way
 from ...errors import MaterialError, TakeError, UsageError
 from ...materials import find
 from ...settings import ObserveSettings, RecoverSettings, options_of
 from ...settings.tables import names_in, read_users_toml, tables_of
+from .words import in_keys, words_of
 
 SOURCES = ("clip", "trajectories")
 FILES = {"objects", *(one.name for one in options_of(ObserveSettings).values() if one.file)}
@@ -70,7 +71,7 @@ class Job:
         calls = []
         if self.source is not None:
             verb = "recover" if self.clip is not None else "recover-trajectories"
-            calls.append([verb, str(self.source), "--take", str(self.take), *_words(self.recover)])
+            calls.append([verb, str(self.source), "--take", str(self.take), *words_of(self.recover)])
         if self.edit is not None:
             calls.append(["resimulate", str(self.take), "--edit", str(self.edit), "--take", str(self.edit_take)])
         return calls
@@ -114,6 +115,10 @@ class Job:
         """Digest of the job's whole table and all files that it reads."""
         return hashlib.sha256(json.dumps([self.takes_digest(), str(self.save), str(self.render)]).encode()).hexdigest()
 
+    def in_keys(self, *texts: str) -> list[str]:
+        """An error's texts from one of the job's verbs, with the keys of the job's table in place of the flags of a command line."""
+        return in_keys(texts, set(self.recover), self.edit_take)
+
     def check_edit_take(self) -> None:
         """Check that the re-simulation's folder is not that of another edit, such as one made in Blender's panel.
 
@@ -124,7 +129,7 @@ class Job:
         if other is not None and self.edit is not None:
             raise TakeError(
                 f"{self.edit_take} holds the re-simulation of another edit, {other}.",
-                f'Give {self.name} an edit_take of its own, such as "{self.take.stem}.{self.edit.stem}.take", or remove that folder.',
+                f'Give "{self.name}" an edit_take of its own, such as "{self.take.stem}.{self.edit.stem}.take", or remove that folder.',
             )
 
     def _other_edit(self) -> str | None:
@@ -142,7 +147,7 @@ def read_jobs(path: Path) -> list[Job]:
 
     Raises:
         UsageError: the file does not exist, is not TOML or has no jobs; an unknown key or material, a missing file, a suffix that cannot
-            be rendered or saved, or two jobs with the same name or result.
+            be rendered or saved, a result where none can be written, or two jobs with the same name or result.
     """
     values, hint = read_users_toml(path, "The file of jobs"), "See docs/guide/batch-and-farm.md for what belongs in it."
     tables = tables_of(values, "job", f"The file of jobs {path}", hint)
@@ -157,30 +162,35 @@ def _check_together(jobs: list[Job]) -> None:
     """Raises UsageError for jobs that overwrite each other's results, and for a job whose take neither has a field nor gets one."""
     names = [job.name for job in jobs]
     written: dict[Path, str] = {}
+    takes = {job.take: job.name for job in jobs}
     makers: dict[Path, Job] = {}
     made: list[Path] = []
     for job in jobs:
         for key, file in job.named_files():
             if not _is_there(key, file) and not any(take in (file, *file.parents) for take in made):
-                raise UsageError(f"{key} of {job.name}: there is no {'folder' if key in FOLDERS else 'file'} {file}.", RELATIVE)
+                raise UsageError(f'{key} of "{job.name}": there is no {"folder" if key in FOLDERS else "file"} {file}.', RELATIVE)
         made += job.takes()
         if names.count(job.name) > 1:
-            raise UsageError(f"Two jobs are named {job.name}.", "Give each a name of its own.")
+            raise UsageError(f'Two jobs are named "{job.name}".', "Give each a name of its own.")
         if job.source is not None:
             other = makers.setdefault(job.take, job)
             if (other.source, other.recover) != (job.source, job.recover):
-                raise UsageError(f"{other.name} and {job.name} recover different things into {job.take}.", "Give one another take.")
+                raise UsageError(f'"{other.name}" and "{job.name}" recover different things into {job.take}.', "Give one another take.")
         elif job.take not in makers and not (job.take / FIELD).is_file():
             raise UsageError(
-                f"{job.name} has neither a clip nor a take with a field.", 'Add clip = "...", or put it under the job that makes the take.'
+                f'"{job.name}" has neither a clip nor a take with a field.',
+                'Add clip = "...", or put it under the job that makes the take.',
             )
         for kept in filter(None, (job.save, job.render)):
             reader = next((other.name for other in jobs if kept in other.reads()), None)
             if reader is not None:
-                raise UsageError(f"{job.name} would write {kept}, which {reader} reads.", "Give it another path.")
+                raise UsageError(f'"{job.name}" would write {kept}, which "{reader}" reads.', "Give it another path.")
+        if job.edit_take in takes:
+            said = f'The edit_take of "{job.name}" is the take of "{takes[job.edit_take]}", {job.edit_take}.'
+            raise UsageError(said, "Give one of them another path.")
         for output in (job.edit_take, job.save, job.render):
             if output is not None and written.setdefault(output, job.name) != job.name:
-                raise UsageError(f"{written[output]} and {job.name} both write {output}.", "Give one of them another path.")
+                raise UsageError(f'"{written[output]}" and "{job.name}" both write {output}.', "Give one of them another path.")
 
 
 RELATIVE = "Correct the path; it is relative to the file of jobs."
@@ -192,13 +202,13 @@ def _job(table: dict[str, Any], number: int, path: Path) -> Job:
     unknown = sorted(set(table) - KEYS)
     if unknown:
         raise UsageError(f"Job {number} has the unknown key {unknown[0]}.", f"Known are {', '.join(sorted(KEYS))}.")
-    name = table.get("name", f"job {number}")
+    name = f'"{table.get("name", f"job {number}")}"'
     for key in sorted(set(table) - {"recover"}):
         if not isinstance(table[key], str) or not table[key]:
-            raise UsageError(f"{key} of {name} is no text.", "Put it into quotation marks.")
+            raise UsageError(f"{key} of {name} is not a text.", "Put it into quotation marks.")
     options = table.get("recover", {})
     if not isinstance(options, dict):
-        raise UsageError(f"recover of {name} is no table.", "Write it as { distance = 2.0 }.")
+        raise UsageError(f"recover of {name} is not a table.", "Write it as { distance = 2.0 }.")
     if "take" in options:
         raise UsageError(f"recover of {name} names a take.", "Write take beside recover, not in it.")
     for key in SWITCHES & options.keys():
@@ -208,6 +218,8 @@ def _job(table: dict[str, Any], number: int, path: Path) -> Job:
         raise UsageError(f"{name} has no take.", 'Say with take = "NAME.take" where the results go.')
     if set(SOURCES) <= table.keys():
         raise UsageError(f"{name} has a clip and trajectories.", "Leave one out, or make two jobs of it.")
+    if options and not set(SOURCES) & table.keys():
+        raise UsageError(f"{name} has options in recover, but nothing to recover.", "Add a clip or trajectories, or leave recover out.")
     if "trajectories" in table and "render" in table:
         raise UsageError(f"{name} has trajectories and a render, which goes over a clip.", "Save a .blend file and render that.")
     home = path.resolve().parent
@@ -217,6 +229,7 @@ def _job(table: dict[str, Any], number: int, path: Path) -> Job:
             raise UsageError(f"{key} of {name}: there is no file {paths[key]}.", RELATIVE)
     if "clip" in paths and _is_sequence(paths["clip"]) and not paths["clip"].is_file() and not image_files(str(paths["clip"])):
         raise UsageError(f"clip of {name}: there are no images {paths['clip']}.", RELATIVE)
+    _check_places(paths, name)
     if "render" in paths and paths["render"].suffix.lower() != VIDEO:
         raise UsageError(f"render of {name}: {paths['render'].name} cannot be written.", f"Blender renders a video: let it end in {VIDEO}.")
     if "save" in paths and paths["save"].suffix != SCENE:
@@ -235,7 +248,20 @@ def _job(table: dict[str, Any], number: int, path: Path) -> Job:
     options = {key: _beside(home, value) if key in named and isinstance(value, str) else value for key, value in options.items()}
     if "view" in options:
         options["view"] = [[_beside(home, word) for word in view] for view in _views(options["view"], name)]
-    return Job(name=name, recover=options, **paths)
+    return Job(name=table.get("name", f"job {number}"), recover=options, **paths)
+
+
+def _check_places(paths: dict[str, Path], name: str) -> None:
+    """Raises UsageError if a result of the job `name` cannot be written at its path because of what is there already."""
+    for key in ("take", "edit_take", "save", "render"):
+        if key not in paths:
+            continue
+        file = key in ("save", "render")
+        other = in_the_way(paths[key].parent if file else paths[key])
+        if other is not None:
+            raise UsageError(f"{key} of {name}, {paths[key]}, cannot be written: {other} is not a folder.", "Give it another path.")
+        if file and paths[key].is_dir():
+            raise UsageError(f"{key} of {name}, {paths[key]}, is a folder.", "Give it the path of a file.")
 
 
 def _beside(home: Path, path: str) -> str:
@@ -245,7 +271,7 @@ def _beside(home: Path, path: str) -> str:
 
 def _views(value: Any, name: str) -> list[list[str]]:
     """The further views of the job `name`, each as clip, camera and mask; `value` is a list of views or a single view."""
-    views = value if isinstance(value, list) and all(isinstance(view, list) for view in value) else [value]
+    views = value if isinstance(value, list) and value and all(isinstance(view, list) for view in value) else [value]
     for view in views:
         if not isinstance(view, list) or len(view) != 3 or not all(isinstance(word, str) and word for word in view):
             hint = 'Write ["CLIP2", "CAMERA2.json", "MASK2.png"], or a list of several such lists.'
@@ -258,22 +284,6 @@ def _is_there(key: str, path: Path) -> bool:
     if key in FOLDERS:
         return path.is_dir()
     return path.is_file() or (key == "view" and _is_sequence(path) and bool(image_files(str(path))))
-
-
-def _words(options: dict[str, Any]) -> list[str]:
-    """A table of options as arguments of a command line."""
-    words = []
-    for key, value in options.items():
-        if value is False:
-            continue
-        flag = f"--{key.replace('_', '-')}"
-        if key == "view":
-            words += [word for view in value for word in (flag, *view)]
-            continue
-        words.append(flag)
-        if value is not True:
-            words += [str(each) for each in (value if isinstance(value, list) else [value])]
-    return words
 
 
 def _is_sequence(clip: Path) -> bool:

@@ -190,7 +190,7 @@ def _frame_count(job: Job, maker: Job | None) -> int:
     if maker is None:
         return int(Take(job.take).read_json("report.json")["frames"]) + 1
     if maker.clip is None:
-        raise UsageError(f"{job.name} renders, and its take comes from trajectories.", "Leave `render` out: it goes over a clip.")
+        raise UsageError(f'"{job.name}" renders, and its take comes from trajectories.', "Leave `render` out: it goes over a clip.")
     frames = maker.recover.get("frames")
     if isinstance(frames, str):
         first, last = options_of(ObserveSettings)["frames"].read(frames)

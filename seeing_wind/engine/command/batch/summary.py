@@ -47,7 +47,7 @@ class Summary:
     def __init__(self, path: Path, jobs: list[Job], *, whole: bool, again: bool) -> None:
         self.path = path.with_name(path.stem + SUMMARY)
         if self.path.exists() and not self.path.is_file():
-            raise UsageError(f"The summary's place {self.path} is taken by what is no file.", "Move it away, or rename the file of jobs.")
+            raise UsageError(f"The summary cannot be written: {self.path} is not a file.", "Move it away, or rename the file of jobs.")
         self.jobs, self.whole, self.again = jobs, whole, again
         self.outcomes: dict[str, Outcome] = {}
         self.recovered: set[Path] = set()
@@ -76,7 +76,8 @@ class Summary:
             ended = self.outcomes.get(other.name)
             if other.source is not None and other.take == job.take and ended is not None and ended.outcome == "failed":
                 raise SeeingWindError(
-                    f"Left out: it needs {job.take}, and {other.name}, which makes that, failed.", "Mend that job, and run the batch again."
+                    f'Left out: it needs {job.take}, and "{other.name}", which makes that, failed.',
+                    "Mend that job, and run the batch again.",
                 )
 
     def skip(self, job: Job) -> Outcome:
@@ -88,6 +89,7 @@ class Summary:
     def end(self, job: Job, outcome: str, seconds: float, message: str = "") -> Outcome:
         """Note how a job ended, and write the summary."""
         takes, digest, warnings = "", "", []
+        (message,) = job.in_keys(message)
         if outcome == "done":
             warnings = _warnings(job)
             takes, message = job.takes_digest(), self._rest(job, message)

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import os
 import re
 from pathlib import Path
 from typing import Any
 
 from ...errors import SeeingWindError, UsageError
 from ...progress import Cancelled, Progress
-from ...settings.tables import read_edit
 from .in_order import run_in_order
 from .jobs import Job, read_jobs
 from .process import messages_of
@@ -22,22 +20,28 @@ def batch(arguments: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 
     Raises:
         UsageError: as `read_jobs`; or options do not go together.
+        UsageError, ClipError, ObjectError, MaterialError, WrongTake: what a job names cannot be used; no job was started.
         SeeingWindError: a job failed; the others were still run.
         Cancelled: the batch was cancelled.
     """
     path = Path(arguments.jobs)
     jobs = read_jobs(path)
-    for job in jobs:
-        _check(job)
     if arguments.ray is None and (arguments.shared or arguments.attempts is not None):
         raise UsageError("--shared and --attempts belong to --ray.", "Add --ray auto, or leave them out.")
     if arguments.ray not in (None, "auto") and not re.fullmatch(r".+:\d{1,5}", arguments.ray):
         raise UsageError(f"--ray {arguments.ray} is not an address.", "Give HOST:PORT of the cluster's head, or auto.")
+    summary = Summary(path, jobs, whole=False, again=arguments.again)
+    made: list[Path] = []
+    for number, job in enumerate(jobs):
+        if arguments.openjd is not None or not summary.is_done(job):
+            progress.stage = "batch"
+            progress.update(0.0, f"checking {job.name}, job {number + 1} of {len(jobs)}")
+            _check(job, made, progress.quiet())
+        made += job.takes()
     if arguments.openjd is not None:
         from .openjd import write_bundle
 
         return {"outcome": "converged", **write_bundle(jobs, path, Path(arguments.openjd), progress)}
-    summary = Summary(path, jobs, whole=False, again=arguments.again)
     if arguments.ray is None:
 
         def say(line: str) -> None:
@@ -54,22 +58,34 @@ def batch(arguments: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     return _result(summary)
 
 
-def _check(job: Job) -> None:
-    """Refuse a job whose options, edit or list of objects the engine would refuse, before any job starts."""
-    from ..arguments import parser
+def _check(job: Job, made: list[Path], progress: Progress) -> None:
+    """Refuse, before any job starts, what the job's verbs would refuse before their work.
 
+    Args:
+        made: takes that the jobs before this one make; files in them are checked when the job runs.
+    """
+    from ..arguments import parser
+    from ..recover import check_recover
+    from ..resimulate import check_resimulation
+    from ..trajectories.verb import check_trajectories
+
+    call: list[str] = []
     try:
         for call in job.calls():
-            parser().parse_args(call)
-        if job.edit is not None:
-            read_edit(job.edit)
-        listed = job.recover.get("objects")
-        if isinstance(listed, str) and os.path.isfile(listed):  # otherwise an earlier job makes it
-            from ...observe.models.objects import read_objects
-
-            read_objects(listed)
-    except UsageError as error:
-        raise UsageError(f"{job.name}: {error.message}", error.hint) from error
+            arguments = parser().parse_args(call)
+            for key, file in job.named_files():
+                if any(take in (file, *file.parents) for take in made):
+                    setattr(arguments, key, [] if key == "view" else None)
+            if arguments.verb == "recover":
+                check_recover(arguments, progress)
+            elif arguments.verb == "recover-trajectories":
+                check_trajectories(arguments, progress)
+            else:
+                check_resimulation(arguments, progress, [*made, *job.takes()])
+    except SeeingWindError as error:
+        hint = f"See docs/reference/cli.md for the options of `{call[0]}`." if "--help" in error.hint else error.hint
+        message, hint = job.in_keys(error.message, hint)
+        raise type(error)(f'"{job.name}": {message}', hint) from error
 
 
 def _do(summary: Summary, job: Job, made: bool, progress: Progress) -> None:
@@ -94,7 +110,7 @@ def _result(summary: Summary) -> dict[str, Any]:
         raise Cancelled
     failed = [each for each in summary.outcomes.values() if each.outcome == "failed"]
     if failed:
-        told = "; ".join(f"{each.name}: {each.message}" for each in failed)
+        told = "; ".join(f'"{each.name}": {each.message}' for each in failed)
         raise SeeingWindError(f"{len(failed)} of {len(summary.jobs)} jobs failed. {told}", f"All outcomes are in {summary.path}.")
     jobs = [{"name": each.name, "outcome": each.outcome, "seconds": each.seconds} for each in summary.outcomes.values()]
     return {"outcome": "converged", "summary": str(summary.path), "jobs": jobs, "warnings": summary.warnings}

@@ -46,18 +46,13 @@ def recover_sheet(arguments: argparse.Namespace, progress: Progress) -> dict[str
     """`recover-trajectories TRUTH.npz --take DIR` for a sheet.
 
     Raises:
-        UsageError, ObjectError, MaterialError, SimulationError: as `read_sheet` and `sheet_stage`.
+        UsageError, ObjectError, MaterialError, SimulationError: as `check_recovery_of_sheet` and `sheet_stage`.
     """
     from ...recovery.diagnostics.remarks import worst_first
     from ...recovery.wind.sheet import sheet_stage
 
-    preset = find(arguments.material) if arguments.material else None
-    source, gravity, notes = read_sheet(arguments.truth, preset, arguments.gravity, **properties_of(arguments))
-    settings = settings_of(RecoverSettings, arguments, gravity=gravity)
-    check_sheet(settings)
-    blown = settings_of(WindSettings, arguments)
-    take = Take(arguments.take)
-    refuse_of_another(take, arguments.truth)
+    source, settings, notes = check_recovery_of_sheet(arguments)
+    blown, take = settings_of(WindSettings, arguments), Take(arguments.take)
     with held(take, arguments.verb, progress, inputs_of(arguments)):
         for note in notes:
             progress.warn(note)
@@ -77,6 +72,20 @@ def recover_sheet(arguments: argparse.Namespace, progress: Progress) -> dict[str
             )  # fmt: skip
 
         return report_result(take, recovery, arguments.report, "", draw, progress)
+
+
+def check_recovery_of_sheet(arguments: argparse.Namespace) -> tuple[SheetSeen, RecoverSettings, list[str]]:
+    """What the file and the options say of a sheet and of its recovery, and notes as of `read_sheet`.
+
+    Raises:
+        UsageError, ObjectError, MaterialError: as `read_sheet`, `check_sheet` and `refuse_of_another`.
+    """
+    preset = find(arguments.material) if arguments.material else None
+    source, gravity, notes = read_sheet(arguments.truth, preset, arguments.gravity, **properties_of(arguments))
+    settings = settings_of(RecoverSettings, arguments, gravity=gravity)
+    check_sheet(settings)
+    refuse_of_another(Take(arguments.take), arguments.truth)
+    return source, settings, notes
 
 
 def read_sheet(

@@ -1,0 +1,133 @@
+"""What `sample`, `export` and `resimulate` do with a take: their results, and what they say of one that is useless or damaged."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from seeing_wind.engine.conventions import DISTRUST
+from seeing_wind.engine.field.confidence import ConfidenceMap
+from seeing_wind.engine.field.representations.point import ForceFieldPoint
+from seeing_wind.engine.take import Take
+
+
+def test_a_take_without_a_field_cannot_be_sampled(engine, tmp_path: Path) -> None:
+    np.save(tmp_path / "p.npy", np.zeros((3, 3)))
+    error = engine("sample", tmp_path, "--points", tmp_path / "p.npy", "--frame", 0, "--out", tmp_path / "o.npz", expect=2)[-2]
+    assert "no recovered field" in error["message"] and not (tmp_path / "o.npz").exists()
+
+
+def test_samples_say_how_far_from_the_object_they_are(engine, tmp_path: Path) -> None:
+    x = np.random.default_rng(0).uniform(size=(4, 50, 3))
+    seen = ConfidenceMap(x, np.ones((4, 50)), 0.02)
+    for name in ("field", "wind"):
+        field = ForceFieldPoint(np.array([[0.0] * 3, [1.0] * 3]), 25.0, 4, x, np.ones((4, 50, 3)), seen)
+        field.kind = {"field": "force"}.get(name, name)
+        field.save(tmp_path / f"{name}.safetensors")
+    np.save(tmp_path / "p.npy", np.array([x[2, 7], [0.5, 0.5, 3.0]]))
+    engine("sample", tmp_path, "--points", tmp_path / "p.npy", "--frame", 2, "--out", tmp_path / "o.npz", expect=0)
+    with np.load(tmp_path / "o.npz") as found:
+        assert found["distance"] == pytest.approx([0.0, np.linalg.norm(x[2] - [0.5, 0.5, 3.0], axis=1).min() - 0.01])
+        np.testing.assert_array_equal(found["wind_distance"], found["distance"])
+
+
+def test_a_field_that_fades_is_weaker_away_from_the_object_in_samples_and_exports(engine, tmp_path: Path) -> None:
+    x = np.random.default_rng(0).uniform(0.0, 0.1, (4, 50, 3))
+    box = np.array([[0.0] * 3, [1.0] * 3])
+    for name in ("field", "wind"):
+        field = ForceFieldPoint(box, 25.0, 4, x, 3.0 + x, ConfidenceMap(x, np.ones((4, 50)), 0.02))
+        field.kind = {"field": "force"}.get(name, name)
+        field.save(tmp_path / f"{name}.safetensors")
+    np.save(tmp_path / "p.npy", np.array([x[2, 7], [0.3, 0.3, 0.3], [0.9, 0.9, 0.9], [0.05, 0.05, -0.2]]))
+    found = {}
+    for out, fades in (("whole", []), ("faded", ["--fade", 0.6])):
+        engine("sample", tmp_path, "--points", tmp_path / "p.npy", "--frame", 2, "--out", tmp_path / f"{out}.npz", *fades, expect=0)
+        engine("export", tmp_path, "--format", "npz", "--out", tmp_path / f"{out}_box.npz", *fades, expect=0)
+        found[out] = [dict(np.load(tmp_path / f"{out}{of}.npz")) for of in ("", "_box")]
+
+    def left(distance):
+        t = np.clip(distance / 0.6, 0.0, 1.0)
+        return (1.0 - t * t * (3.0 - 2.0 * t))[..., None]
+
+    (whole, whole_box), (faded, faded_box) = found["whole"], found["faded"]
+    beside, away = left(np.array([0.0, 0.0, 0.0, 0.2])), field.away(np.clip(np.load(tmp_path / "p.npy"), *box), 2)[0]
+    for key in ("force_density", "wind_velocity"):
+        np.testing.assert_allclose(faded[key], whole[key] * left(away) * beside)
+        share = np.stack([left(field.away(whole_box["points"], t)[0]) for t in range(4)])
+        np.testing.assert_allclose(faded_box[key], whole_box[key] * share)
+        assert (share > 0.9).any() and (share < 0.1).any()
+    for key in ("confidence", "distance"):
+        np.testing.assert_array_equal(faded[key], whole[key])
+    said = engine("sample", tmp_path, "--points", tmp_path / "p.npy", "--frame", 2, "--out", tmp_path / "o.npz", "--fade", 0, expect=2)[-2]
+    assert "--fade" in said["message"] and "above 0" in said["message"]
+
+
+def test_a_useless_field_is_told_and_used_all_the_same(engine, windy: Path, tmp_path: Path) -> None:
+    (tmp_path / "edit.toml").write_text('[[body]]\nname = "flag"\nmesh = "flag.obj"\nmaterial = "cotton"\n')
+    (tmp_path / "flag.obj").write_text("v 0 0 0\nv 0.1 0 0\nv 0 0.1 0\nv 0.1 0.1 0\nf 1 2 4 3\n")
+    verbs = (
+        ["sample", windy, "--points", tmp_path / "p.npy", "--frame", 0, "--out", tmp_path / "o.npz"],
+        ["export", windy, "--format", "ply", "--out", tmp_path / "o"],
+        ["resimulate", windy, "--edit", tmp_path / "edit.toml", "--take", tmp_path / "r.take"],
+    )
+    bad = f"{DISTRUST}: 48 pixels off."
+    for notes, told in ((None, []), (["A note."], []), (["A note.", bad], [bad])):
+        if notes is not None:
+            Take(windy).write_arrays("trajectory.npz", {"notes": np.array(json.dumps(notes))})
+        for verb in verbs:
+            messages = engine(*verb, expect=0)
+            assert [one["message"] for one in messages if one["type"] == "warning"] == told
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="Windows has no such pipes")
+def test_results_do_not_replace_what_is_no_file(engine, windy: Path, tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.npz")
+    (tmp_path / "folder.npz").mkdir()
+    np.save(tmp_path / "p.npy", np.array([[0.0, np.nan, 0.0]]))  # which is told later
+    for verb in (["sample", windy, "--points", tmp_path / "p.npy", "--frame", 0], ["export", windy, "--format", "npz"]):
+        for name in ("pipe.npz", "folder.npz"):
+            error = engine(*verb, "--out", tmp_path / name, expect=2)[-2]
+            assert "not a regular file" in error["message"] and error["hint"]
+        error = engine(*verb, "--out", windy / "field.safetensors" / "o.npz", expect=2)[-2]
+    assert (tmp_path / "pipe.npz").is_fifo()
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "says"),
+    [
+        ("take.toml", "= broken", "take.toml cannot be read"),
+        ("take.toml", "format = 99", "of a newer version"),
+        ("field.safetensors", "no field", "cannot be read as a field"),
+        ("wind.safetensors", "no wind", "cannot be read as a field"),
+    ],
+)
+def test_a_damaged_take_is_wrong_input(engine, windy: Path, tmp_path: Path, name: str, text: str, says: str) -> None:
+    (windy / name).write_text(text)
+    (tmp_path / "edit.toml").write_text('field = "wind"\n[[body]]\nname = "leaf"\nmesh = "recovered"\n')
+    for verb in (
+        ["sample", windy, "--points", tmp_path / "p.npy", "--frame", 0, "--out", tmp_path / "o.npz"],
+        ["export", windy, "--format", "ply", "--out", tmp_path / "o"],
+        ["resimulate", windy, "--edit", tmp_path / "edit.toml", "--take", tmp_path / "r.take"],
+    ):
+        error = engine(*verb, expect=2)[-2]
+        assert says in error["message"] and error["hint"]
+
+
+def test_a_take_that_has_lost_its_object_is_not_said_to_be_of_trajectories(engine, windy: Path, tmp_path: Path) -> None:
+    (tmp_path / "edit.toml").write_text('[[body]]\nname = "leaf"\nmesh = "recovered"\n')
+    words = ["resimulate", windy, "--edit", tmp_path / "edit.toml", "--take", tmp_path / "o.take"]
+    assert "came from trajectories" in engine(*words, expect=2)[-2]["hint"]
+    Take(windy).finish("build", "stamp", {})
+    assert "particles.npz is missing" in engine(*words, expect=2)[-2]["hint"]
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no limit of a file's size")
+def test_a_full_disk_leaves_no_traceback(engine, windy: Path, tmp_path: Path) -> None:
+    """A limit of the file's size stops a write half-way, as a full disk does."""
+    out = tmp_path / "o.npz"
+    error = engine("sample", windy, "--points", tmp_path / "p.npy", "--frame", 0, "--out", out, expect=1, file_bytes=50_000)[-2]
+    assert "Cannot write" in error["message"] and error["hint"] and not out.exists()
