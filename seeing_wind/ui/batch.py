@@ -29,7 +29,7 @@ Show = Callable[[worker.Message], None]
 
 
 def batch(options: list[str], out: console.Console) -> int:
-    """`batch JOBS.toml [--again]`: run all jobs of a file; returns the exit code. With `--ray` or `--openjd`, the engine does it.
+    """`batch JOBS.toml [--again]`: run all jobs of a file; returns the exit code. The engine alone does it with --ray, --openjd or --check.
 
     Raises:
         UsageError: for wrong options, or a file that is not a valid file of jobs.
@@ -39,13 +39,16 @@ def batch(options: list[str], out: console.Console) -> int:
     from ..engine.command.batch.summary import Summary
 
     python = engine_python()
-    if any(word.partition("=")[0] in ("--ray", "--openjd") for word in options):
+    if any(word.partition("=")[0] in ("--ray", "--openjd", "--check") for word in options):
         return run_verb(python, "batch", options, out.show)
     words = [word for word in options if word != "--again"]
     if len(words) != 1 or words[0].startswith("-"):
         raise UsageError("batch takes one file of jobs.", "blender --command seeing_wind batch JOBS.toml [--again]")
     path = Path(words[0])
     summary = Summary(path, read_jobs(path), whole=True, again="--again" in options)
+    code = run_verb(python, "batch", [*options, "--check"], out.show)
+    if code != 0:
+        return code
     run_in_order(summary, lambda each, made: _do(python, summary, each, made, out), lambda line: print(line, flush=True))
     print(summary.table(), flush=True)
     return summary.exit_code

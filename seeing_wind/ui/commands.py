@@ -31,7 +31,7 @@ verbs: {", ".join(VERBS)}
 Each takes the options of `python -m seeing_wind.engine VERB`; see `blender --command {NAME} VERB --help`.
 {", ".join(SAVES)} also take --save FILE.blend.
 batch JOBS.toml [--again] does many clips and edits; what is done already is not done again. With --ray ADDRESS it makes their takes on a
-Ray cluster, with --openjd FOLDER it writes a bundle for a farm; see docs/guide/batch-and-farm.md.
+Ray cluster, with --openjd FOLDER it writes a bundle for a farm, with --check it only checks the file; see docs/guide/batch-and-farm.md.
 bake TAKE [--edit-take DIR] [--clip CLIP] [--composite] --save FILE.blend makes a file of takes that are there."""
 
 

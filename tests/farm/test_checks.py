@@ -10,8 +10,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from quick import clip, trajectories
+from quick import clip, messages, start, trajectories
 
+from seeing_wind.engine.command.arguments import parser
 from seeing_wind.engine.command.batch.in_order import run_in_order
 from seeing_wind.engine.command.batch.jobs import FIELD, Job, read_jobs
 from seeing_wind.engine.command.batch.summary import Summary
@@ -46,7 +47,7 @@ def refused(tmp_path: Path) -> Callable[[str], SeeingWindError]:
 
 
 def of_file(jobs: Path) -> argparse.Namespace:
-    return argparse.Namespace(jobs=jobs, ray=None, shared=False, attempts=None, openjd=None, again=False)
+    return parser().parse_args(["batch", str(jobs)])
 
 
 @pytest.mark.parametrize(
@@ -158,3 +159,13 @@ def test_a_failure_is_told_in_the_files_own_keys(tmp_path: Path) -> None:
     rows = json.loads((tmp_path / "jobs.summary.json").read_text())["jobs"]
     for row, key in zip(rows, ("take", "edit_take"), strict=True):
         assert row["message"].endswith(f"is in use. Choose another folder with `{key}`, or `frames 0:4`; see --help.")
+
+
+def test_a_file_can_be_checked_alone(refused, tmp_path: Path) -> None:
+    refused(LEAF + "recover = { distance = 0 }\n")
+    for text, code in ((FIRST + EDIT, 0), (FIRST + EDIT + "recover = { distance = 0 }\n", 2)):
+        (tmp_path / "jobs.toml").write_text(text)
+        process = start(tmp_path / "jobs.toml", "--check")
+        (result,) = [one for one in messages(process) if one["type"] == "result"]
+        assert process.returncode == code and result.get("checked") == (2 if code == 0 else None)
+    assert not (tmp_path / "first.take").exists() and not (tmp_path / "jobs.summary.json").exists()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 
 import numpy as np
@@ -235,6 +236,10 @@ def test_options_become_words(workplace):
         ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nsave = "made.blend"', r'save of "job 1", \S*made.blend, is a folder'),
         ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nrender = "made.mp4"', r'render of "job 1", \S*made.mp4, is a folder'),
         ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nsave = "edit.toml/x/a.blend"', r"cannot be written: \S*edit.toml is not a folder"),
+        pytest.param(
+            f'[[job]]\ntake = "t"\nclip = "clip.mp4"\nsave = "{"x" * 300}.blend"', 'save of "job 1" cannot be written: File name too long',
+            marks=pytest.mark.skipif(os.name == "nt", reason="Windows has other words for it"),
+        ),
         (FULL + 'edit_take = "leaf.take"', r'The edit_take of "leaf" is the take of "leaf", \S*leaf.take'),
         (FULL + 'edit_take = "b.take"\n' + TABLE.format("b"), r'The edit_take of "leaf" is the take of "b"'),
         (FULL + TABLE.format("b") + 'edit = "edit.toml"\nedit_take = "leaf.edit.take"', '"leaf" and "b" both write'),

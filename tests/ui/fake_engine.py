@@ -1,6 +1,7 @@
 """Stands for the engine's Python: `fake_engine.py -m seeing_wind.engine VERB ...` writes small, known results in no time.
 
-SEEING_WIND_FAKE chooses another behaviour for `observe`, `recover` and `resimulate` (see fake_worker.py). Needs NumPy and the ground
+SEEING_WIND_FAKE chooses another behaviour for `observe`, `recover` and `resimulate` (see fake_worker.py); with "refused", the check of a
+file of jobs ends as with "flags". Needs NumPy and the ground
 floor, which the caller puts on PYTHONPATH as it does for the real engine. The field is a swirl about world Z that grows with time.
 """
 
@@ -174,6 +175,9 @@ def main() -> None:
     assert (module, name) == ("-m", "seeing_wind.engine"), sys.argv
     assert not any(key.startswith("PYTHON") and key not in KNOWN for key in os.environ), "Blender's Python settings leaked"
     behaviour = os.environ.get("SEEING_WIND_FAKE", "done") if verb in ("observe", "recover", "resimulate") else "done"
+    if verb == "batch":
+        assert options[-1] == "--check", options
+        behaviour = "flags" if os.environ.get("SEEING_WIND_FAKE") == "refused" else "done"
     if behaviour == "done":
         {"recover": recover, "sample": sample, "resimulate": resimulate, "join": join}.get(verb, lambda options: None)(options)
     if verb == "observe" and behaviour == "done":

@@ -55,17 +55,23 @@ def test_a_job_runs_from_clip_to_file_and_is_not_done_twice(workplace, capsys):
 
 
 def test_a_job_that_breaks_does_not_stop_the_others(workplace, capsys):
-    (workplace / "a file").write_text("no folder")
+    """The first is saved below what is a file by then, the last in the place of what is a folder by then."""
     (workplace / "jobs.toml").write_text(
-        '[[job]]\nname = "a"\nclip = "clip.mp4"\ntake = "a.take"\nsave = "a file/a.blend"\n'
-        '[[job]]\nname = "b"\nclip = "clip.mp4"\ntake = "b.take"\nsave = "b.blend"\n'
-        '[[job]]\nname = "c"\nclip = "clip.mp4"\ntake = "c.take"\nsave = "folder.blend"\n'
+        '[[job]]\nname = "a"\nclip = "clip.mp4"\ntake = "a.take"\nsave = "a.take/take.toml/a.blend"\n'
+        '[[job]]\nname = "b"\nclip = "clip.mp4"\ntake = "b.take"\nsave = "b.blend/b.blend"\n'
+        '[[job]]\nname = "c"\nclip = "clip.mp4"\ntake = "c.take"\nsave = "b.blend"\n'
     )
-    (workplace / "folder.blend").mkdir()
     assert commands.main(["batch", str(workplace / "jobs.toml")]) == 1
     assert [row["outcome"] for row in rows(workplace)] == ["failed", "done", "failed"]
-    assert all("cannot be saved" in row["message"] for row in rows(workplace)[::2]) and (workplace / "b.blend").is_file()
+    assert all("cannot be saved" in row["message"] for row in rows(workplace)[::2]) and (workplace / "b.blend" / "b.blend").is_file()
     assert "1 of 3 jobs are done" in capsys.readouterr().out
+
+
+def test_a_file_of_jobs_that_the_engine_refuses_is_not_begun(workplace, monkeypatch, capsys):
+    monkeypatch.setenv("SEEING_WIND_FAKE", "refused")
+    assert commands.main(["batch", str(workplace / "jobs.toml")]) == 2
+    assert "Error: " in capsys.readouterr().err
+    assert not (workplace / "jobs.summary.json").exists() and not (workplace / "leaf.take").exists()
 
 
 def test_a_failed_job_says_what_the_engine_said(workplace, monkeypatch):

@@ -181,6 +181,7 @@ def _batch(p: Parser) -> None:
     where = p.add_mutually_exclusive_group()
     where.add_argument("--ray", metavar="ADDRESS", help="run on this Ray cluster, HOST:PORT of its head, or auto; needs the extra `farm`")
     where.add_argument("--openjd", type=path, metavar="FOLDER", help="run nothing; write an Open Job Description bundle for a farm")
+    where.add_argument("--check", action="store_true", help="run nothing; check the jobs and the files that they name")
     p.add_argument("--shared", action="store_true", help="with --ray: every node sees the files under the same paths; nothing is shipped")
     attempts = "with --ray: how often a job is started at most, if its node dies (default: 3)"
     number = Option("", flag="--attempts", kind=int, minimum=1, maximum=100)

@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from ...conventions import image_files, in_the_way
-from ...errors import MaterialError, TakeError, UsageError
+from ...errors import NO_PATH, MaterialError, TakeError, UsageError
 from ...materials import find
 from ...settings import ObserveSettings, RecoverSettings, options_of
 from ...settings.tables import names_in, read_users_toml, tables_of
@@ -260,8 +260,13 @@ def _check_places(paths: dict[str, Path], name: str) -> None:
         other = in_the_way(paths[key].parent if file else paths[key])
         if other is not None:
             raise UsageError(f"{key} of {name}, {paths[key]}, cannot be written: {other} is not a folder.", "Give it another path.")
-        if file and paths[key].is_dir():
+        if file and os.path.isdir(paths[key]):
             raise UsageError(f"{key} of {name}, {paths[key]}, is a folder.", "Give it the path of a file.")
+        try:
+            os.stat(paths[key])
+        except OSError as error:
+            if error.errno in NO_PATH:  # too long a name, or links in a circle
+                raise UsageError(f"{key} of {name} cannot be written: {error.strerror}.", "Give it another path.") from error
 
 
 def _beside(home: Path, path: str) -> str:

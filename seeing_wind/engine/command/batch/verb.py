@@ -16,7 +16,7 @@ from .summary import Summary
 
 
 def batch(arguments: argparse.Namespace, progress: Progress) -> dict[str, Any]:
-    """`batch JOBS.toml [--again] [--ray ADDRESS [--shared] [--attempts N]] [--openjd FOLDER]`.
+    """`batch JOBS.toml [--again] [--ray ADDRESS [--shared] [--attempts N] | --openjd FOLDER | --check]`.
 
     Raises:
         UsageError: as `read_jobs`; or options do not go together.
@@ -38,6 +38,8 @@ def batch(arguments: argparse.Namespace, progress: Progress) -> dict[str, Any]:
             progress.update(0.0, f"checking {job.name}, job {number + 1} of {len(jobs)}")
             _check(job, made, progress.quiet())
         made += job.takes()
+    if arguments.check:
+        return {"outcome": "converged", "checked": len(jobs)}
     if arguments.openjd is not None:
         from .openjd import write_bundle
 
