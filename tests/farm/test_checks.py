@@ -88,6 +88,15 @@ def test_clips_and_trajectories(refused, tmp_path: Path) -> None:
     assert "Unknown options: `fps`" in refused(wrong + "recover = { fps = 3 }\n").message
 
 
+def test_the_files_of_a_further_view(refused, tmp_path: Path) -> None:
+    clip(tmp_path / "side.avi")
+    camera = {"width": 96, "height": 64, "fx": 90.0, "fy": 90.0, "cx": 47.5, "cy": 31.5, "camera_to_world": np.eye(4).tolist()}
+    (tmp_path / "side.json").write_text(json.dumps(camera))
+    cv2.imwrite(str(tmp_path / "whole.png"), np.full((64, 96), 255, np.uint8))
+    for view, says in (('"side.json", "small.png"', "small.png is 10x10, the clip 96x64."), ('"text.png", "whole.png"', "The camera")):
+        assert says in refused(LEAF + f'recover = {{ view = ["side.avi", {view}] }}\n').message
+
+
 def test_a_list_of_objects(refused, tmp_path: Path) -> None:
     (tmp_path / "objects.json").write_text('{"objects": [{"name": "leaf"}]}')
     said = refused(LEAF + 'recover = { objects = "objects.json" }\n').message

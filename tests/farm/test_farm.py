@@ -53,13 +53,15 @@ def test_a_cancel_ends_all_jobs_and_leaves_nothing_half(cluster, batch_of_eight)
 
 def test_a_shared_folder_and_a_job_that_fails(cluster, tmp_path) -> None:
     trajectories(tmp_path / "t.npz", 2.0)
-    (tmp_path / "no.npz").write_text("nothing")
+    trajectories(tmp_path / "no.npz", 2.0)
+    with np.load(tmp_path / "no.npz") as file:
+        np.savez(tmp_path / "no.npz", **{**file, "fixed": np.ones(file["x"].shape[1], bool)})  # which only the solve refuses
     table = '[[job]]\nname = "{0}"\ntrajectories = "{0}.npz"\ntake = "{0}.take"\n{1}\n'
     jobs = tmp_path / "jobs.toml"
     jobs.write_text(table.format("t", QUICK) + table.format("no", QUICK))
     process = start(jobs, "--ray", cluster.address, "--shared")
     said = messages(process)
-    assert process.returncode == 1 and "1 of 2 jobs failed. no: " in said[-1]["message"] and "no.npz" in said[-1]["message"]
+    assert process.returncode == 1 and "1 of 2 jobs failed. \"no\": All particles of the body are held" in said[-1]["message"]
     assert outcomes(jobs)["t"]["outcome"] == "done" and (tmp_path / "t.take" / "field.safetensors").is_file()
 
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import ClipError, UsageError
 from ..materials import adjust, find
 from ..progress import Progress
-from ..settings import RecoverSettings
+from ..settings import ObserveSettings, RecoverSettings
 from ..stages import check_sheet, check_solve
 from ..take import Take
 from .arguments import observe_settings, properties_of, settings_of
@@ -54,8 +55,18 @@ def check_files(arguments: argparse.Namespace, progress: Progress) -> None:
 
     settings, _ = check_recovery(arguments, progress)
     check_place(Take(arguments.take), inputs_of(arguments))
-    first, last = check_clip(arguments.clip, observe_settings(arguments), progress)
-    check_options(arguments, settings, (first, last), arguments.distance)
+    observing = observe_settings(arguments)
+    frames = check_clip(arguments.clip, observing, progress)
+    check_options(arguments, settings, frames, arguments.distance)
+    for clip, camera, mask in arguments.view:
+        check_clip(clip, of_view(observing, camera, mask), progress)
+
+
+def of_view(observing: ObserveSettings, camera: str, mask: str) -> ObserveSettings:
+    """The settings for the clip of a further view: its depth and pins are not used, as its points are found on the first view's body."""
+    further = dataclasses.replace(observing, mask=mask, camera=camera, box=None, points=None, tracks=None, depth=None, pin=None)
+    further = dataclasses.replace(further, outline=None, correct=None, distance=1.0, depth_model=None)
+    return dataclasses.replace(further, prompt=None, detector_model=None)
 
 
 def check_options(

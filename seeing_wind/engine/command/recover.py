@@ -16,7 +16,7 @@ from ..settings import BuildSettings, ObserveSettings, RecoverSettings, WindSett
 from ..stages import build_stage, check_sheet, frame_loss, lift_stage, observe_stage, track_targets, write_gaussians
 from ..take import Take, stamp_of
 from .arguments import observe_settings, settings_of
-from .checks import check_files, check_options, check_recovery
+from .checks import check_files, check_options, check_recovery, of_view
 from .inputs import inputs_of, refuse_of_another
 from .join import join
 from .lock import held
@@ -209,11 +209,7 @@ def _with_views(
 
     sights, targets = [], list(targets)
     for number, (clip, camera, mask) in enumerate(views, start=1):
-        # Depth and pins of a further view are not used: its points are found on the first view's body.
-        further = dataclasses.replace(observing, mask=mask, camera=camera, box=None, points=None, tracks=None, depth=None, pin=None)
-        further = dataclasses.replace(further, outline=None, correct=None, distance=1.0, depth_model=None)
-        further = dataclasses.replace(further, prompt=None, detector_model=None)
-        sights.append(observe_stage(take, clip, further, progress, view=number)[0])
+        sights.append(observe_stage(take, clip, of_view(observing, camera, mask), progress, view=number)[0])
         targets.append(view_targets(body, sights[-1]))
     stamp = stamp_of(built, *(Path(name) for view in views for name in view))
     body = lift_stage(take, observation, body, targets, stamp, progress)
