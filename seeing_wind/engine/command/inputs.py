@@ -147,7 +147,8 @@ def refuse_of_another_edit(take: Take, edit: Path) -> None:
     """
     if _recovered(take):
         of = next((of for _, of in _sources_of(take) if of), "")
-        raise UsageError(f"{take.path} is the take of a recovery{_of(of)}, not the folder of a re-simulation.", ELSEWHERE)
+        said = f"{take.path} is the take of a recovery{_of(of)}, not the folder of a re-simulation."
+        raise UsageError(said, "Choose another folder with --take: a re-simulation has its own.")
     of = take.source_of("resimulate", "edit")
     if not edit.resolve().is_relative_to(take.path.resolve()) and _another(str(edit), of):
         raise UsageError(f"{take.path} holds the re-simulation of another edit, {of}, not of {edit}.", ELSEWHERE)
