@@ -41,7 +41,7 @@ from tests.engine.command_line import clip, in_a_process_of_its_own
         (["--box", "1", "2", "3", "4", "--mask", "m.png"], "--mask is not allowed with --box."),
         (["--box", "1", "2", "3"], "--box needs 4 values."),
         (["--mask"], "--mask needs a value."),
-        (["--bx", "1"], "Unknown options: --bx 1.See `seeing_wind.engine recover --help`."),
+        (["--bx", "1"], "Unknown options: --bx 1.See `seeing_wind.engine --help`."),
         (["--material", "unobtainium", "--box", "12", "10", "32", "30"], "unobtainium"),
         (["--yield-stress", "9", "--box", "12", "10", "32", "30"], "leaf has the elastic law neo_hookean"),
         (["--frame-iterations", "5", "--box", "12", "10", "32", "30"], "--frame-iterations belongs to --schedule paper."),
