@@ -129,8 +129,9 @@ def _say_what_was_cut_off(scene: bpy.types.Scene) -> None:
 
 @persistent
 def _after_edit(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None = None, *_: object) -> None:
-    # moving or deleting an inserted object changes none of this extension's properties
-    if len(scene.seeing_wind.bodies):
+    # moving an inserted object, or a mask, track or camera that Recover has read, changes none of this extension's properties
+    settings = scene.seeing_wind
+    if len(settings.bodies) or settings.recovered_digest or settings.previewed_digest:
         if depsgraph is None or any(update.is_updated_geometry for update in depsgraph.updates):
             forget_geometry()
         refresh(scene)

@@ -34,5 +34,5 @@ def world(obj: bpy.types.Object) -> np.ndarray:
 
 def shown(obj: bpy.types.Object, frame: float) -> np.ndarray:
     """`world` at a scene frame."""
-    bpy.context.scene.frame_set(int(frame), subframe=frame % 1.0)
+    bpy.context.scene.frame_set(int(frame // 1), subframe=frame % 1.0)
     return world(obj)

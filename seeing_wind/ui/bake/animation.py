@@ -1,11 +1,17 @@
-"""Keyframes and animation curves, the same way in Blender 4 and 5."""
+"""Keyframes and animation curves, the same way in Blender 4 and 5, and digests of where objects stand that no frame changes."""
 
 from __future__ import annotations
 
 from array import array
 from collections.abc import Iterable
+from typing import Any
 
 import bpy
+
+PLACE = ("location", "rotation", "scale", "delta_")
+"""Beginnings of the data paths that move an object."""
+PASSING = {"name", "active", "show_expanded"}
+"""Properties of a constraint that do not change what it does."""
 
 
 def curves_of(datablock: bpy.types.ID) -> list[bpy.types.FCurve]:
@@ -58,6 +64,82 @@ def keyframes(datablock: bpy.types.ID) -> list[tuple[str, int, tuple[float, ...]
         curve.keyframe_points.foreach_get("co", flat)
         found.append((curve.data_path, curve.array_index, tuple(round(value, 5) for value in flat)))
     return found
+
+
+def set_frame(scene: bpy.types.Scene, frame: float) -> None:
+    """Set a scene to a frame, which may lie between two whole ones and before frame 0."""
+    scene.frame_set(int(frame // 1), subframe=float(frame % 1.0))
+
+
+def with_parents(obj: bpy.types.Object) -> list[bpy.types.Object]:
+    """An object and all its parents, from the nearest on."""
+    found = [obj]
+    while found[-1].parent is not None:
+        found.append(found[-1].parent)
+    return found
+
+
+def lineage(obj: bpy.types.Object) -> list[tuple]:
+    """Where an object stands, for a digest: transforms of it and its parents, and their constraints with where the targets stand.
+
+    Keyframes and drivers stand in for the values they change, so that it is the same in every frame. Nothing needs to be evaluated, which
+    Blender has not done yet in a file just opened.
+    """
+    return _lineage(obj, set())
+
+
+def _lineage(obj: bpy.types.Object, seen: set[bpy.types.Object]) -> list[tuple]:
+    above = [each for each in with_parents(obj) if each not in seen]
+    seen.update(above)
+    return [(_own_place(each), rounded(each.matrix_parent_inverse), *_ties(each, seen)) for each in above]
+
+
+def _own_place(obj: bpy.types.Object) -> list:
+    moved = [*keys_of_place(obj), *(driver for driver in drivers_of(obj) if driver[0].startswith(PLACE))]
+    if not moved:
+        return rounded(obj.matrix_basis)
+    taken = {each[:2] for each in moved}
+    turn = {"QUATERNION": "rotation_quaternion", "AXIS_ANGLE": "rotation_axis_angle"}.get(obj.rotation_mode, "rotation_euler")
+    names = ("location", turn, "scale", "delta_location", "delta_rotation_euler", "delta_scale")
+    still = ((name, index, round(value, 5)) for name in names for index, value in enumerate(getattr(obj, name)))
+    return moved + [each for each in still if each[:2] not in taken]
+
+
+def _ties(obj: bpy.types.Object, seen: set[bpy.types.Object]) -> list[tuple]:
+    """The constraints of an object: settings, keyframes and drivers in place of those they change, and where the targets stand."""
+    changes = [each for each in (*keyframes(obj), *drivers_of(obj)) if each[0].startswith("constraints[")]
+    taken, found = {each[0] for each in changes}, []
+    for one in obj.constraints:
+        names = [prop.identifier for prop in one.bl_rna.properties if prop.type != "POINTER" and not prop.is_readonly]
+        values = [(name, _plain(getattr(one, name))) for name in names if name not in PASSING and one.path_from_id(name) not in taken]
+        target = getattr(one, "target", None)
+        found.append((one.type, values, _lineage(target, seen) if target is not None else ()))
+    return found + changes
+
+
+def _plain(value: Any) -> Any:
+    """A property's value for a digest."""
+    if isinstance(value, float):
+        return round(value, 5)
+    if isinstance(value, (bool, int, str)):
+        return value
+    return [_plain(each) for each in (sorted(value) if isinstance(value, set) else value)]
+
+
+def keys_of_place(obj: bpy.types.Object) -> list[tuple[str, int, tuple[float, ...]]]:
+    """The keyframes that move an object."""
+    return [curve for curve in keyframes(obj) if curve[0].startswith(PLACE)]
+
+
+def drivers_of(datablock: bpy.types.ID) -> list[tuple[str, int, str]]:
+    """All drivers of a datablock as plain values for a digest: data path, array index, and expression."""
+    data = datablock.animation_data
+    return [(each.data_path, each.array_index, each.driver.expression) for each in (data.drivers if data is not None else ())]
+
+
+def rounded(matrix: Iterable[Iterable[float]]) -> list[float]:
+    """A matrix as plain values for a digest."""
+    return [round(value, 5) for row in matrix for value in row]
 
 
 def values_over(scene: bpy.types.Scene, owner: bpy.types.bpy_struct, name: str, frames: Iterable[float]) -> list[float]:

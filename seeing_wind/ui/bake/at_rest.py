@@ -9,6 +9,7 @@ import bpy
 import numpy as np
 
 from ..scene_mesh import COPY_OF
+from .animation import set_frame
 from .motion import awake_on_top, clear_bake
 from .plan import mark_of
 
@@ -57,12 +58,12 @@ def reshaped(obj: bpy.types.Object, scene: bpy.types.Scene, frames: np.ndarray) 
             shapes = (_shape(still, scene, frame) for frame in frames[1:])
             return any(shape.shape != first.shape or np.abs(shape - first).max(initial=0.0) > near for shape in shapes)
     finally:
-        scene.frame_set(int(before // 1), subframe=float(before % 1.0))
+        set_frame(scene, before)
 
 
 def _shape(obj: bpy.types.Object, scene: bpy.types.Scene, frame: float) -> np.ndarray:
     """Evaluated vertices (V, 3) in object space at a scene frame."""
-    scene.frame_set(int(frame // 1), subframe=float(frame % 1.0))
+    set_frame(scene, frame)
     mesh = obj.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
     found = np.empty((len(mesh.vertices), 3), dtype=np.float32)
     mesh.vertices.foreach_get("co", found.reshape(-1))

@@ -18,6 +18,7 @@ from ..job import takes
 from ..job.take_reading import simulated_motion
 from ..scene_units import metres_per_unit
 from . import rigid as bake_rigid
+from .animation import set_frame
 from .at_rest import at_rest, reshaped
 from .motion import allowed, awake_on_top, bake_motion, baked_copy, baked_frames, check_file, clear_bake
 from .plan import AUTO, LEFT, STANDS_FOR, TRANSFORM, Baked, Plan, left_in, mark_of, plan_of, stamp_of_bakes
@@ -105,7 +106,7 @@ def _carrier(
     if copy is not None and copy.name in scene.objects and len(copy.data.vertices) == vertices.shape[1]:
         return copy
     _remove_copy(body)
-    at = scene.frame_current
+    at = scene.frame_current_final
     scene.frame_set(scene.seeing_wind.frame_start)
     try:
         if body.is_recovered:
@@ -116,7 +117,7 @@ def _carrier(
             _repeat_subdivision(source, copy)
             _hide(source)
     finally:
-        scene.frame_set(at)
+        set_frame(scene, at)
     body.baked_copy = copy
     return copy
 

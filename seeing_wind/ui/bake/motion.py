@@ -18,6 +18,7 @@ from ..scene_units import metres_per_unit
 from . import cache as bake_cache
 from . import rigid as bake_rigid
 from . import shapes as bake_shapes
+from .animation import set_frame, with_parents
 from .plan import ALEMBIC, AUTO, MARK, POINT_CACHE, SHAPE_KEYS, TRANSFORM, USD, Baked, Plan, mark_of
 from .smooth import smoothed
 
@@ -274,12 +275,10 @@ def _wake(obj: bpy.types.Object, asleep: list[list[Any]]) -> None:
 
 def _in_object_space(obj: bpy.types.Object, vertices: np.ndarray, frames: np.ndarray, scene: bpy.types.Scene) -> np.ndarray:
     """World coordinates (T+1, V, 3) in scene units -> object coordinates, by the unbaked object's transform at each of `frames` (T+1,)."""
-    mark, lineage = mark_of(obj), [obj]
-    while lineage[-1].parent is not None:
-        lineage.append(lineage[-1].parent)
+    mark = mark_of(obj)
     if mark is not None and mark["way"] == TRANSFORM:
         matrices = [Matrix(mark["former"]["world"])] * len(vertices)
-    elif any(each.animation_data or each.constraints or each.rigid_body for each in lineage):
+    elif any(each.animation_data or each.constraints or each.rigid_body for each in with_parents(obj)):
         matrices = _matrices_over_time(obj, frames, scene)
     else:
         bpy.context.view_layer.update()
@@ -294,7 +293,7 @@ def _in_object_space(obj: bpy.types.Object, vertices: np.ndarray, frames: np.nda
 def _matrices_over_time(obj: bpy.types.Object, frames: np.ndarray, scene: bpy.types.Scene) -> list[Matrix]:
     before, matrices = scene.frame_current_final, []
     for frame in frames:
-        scene.frame_set(int(frame), subframe=float(frame % 1.0))
+        set_frame(scene, frame)
         matrices.append(obj.evaluated_get(bpy.context.evaluated_depsgraph_get()).matrix_world.copy())
-    scene.frame_set(int(before), subframe=float(before % 1.0))
+    set_frame(scene, before)
     return matrices

@@ -6,6 +6,7 @@ import bpy
 import numpy as np
 
 from ...engine.errors import UsageError
+from ..bake.animation import set_frame
 from .own import own_object
 
 FLOOR, WALL = "Seeing Wind Floor", "Seeing Wind Wall"
@@ -61,17 +62,17 @@ def _plane(scene: bpy.types.Scene, name: str) -> bpy.types.Object:
 
 def _corners(scene: bpy.types.Scene) -> np.ndarray:
     """Corners (8 N, 3) of the bounding boxes of bodies and recovered object, at five frames of the scene's range."""
-    settings, found, at = scene.seeing_wind, [], scene.frame_current
+    settings, found, at = scene.seeing_wind, [], scene.frame_current_final
     bodies = [body.baked_copy or (settings.recovered_object if body.is_recovered else body.object) for body in settings.bodies]
     objects = [obj for obj in (*bodies, settings.recovered_object) if obj is not None]
     if not objects:
         raise UsageError("There is nothing that could throw a shadow.", "Insert a mesh, or leave floor and wall out.")
     for frame in np.linspace(scene.frame_start, scene.frame_end, 5):
-        scene.frame_set(int(frame))
+        set_frame(scene, frame)
         depsgraph = bpy.context.evaluated_depsgraph_get()
         for obj in objects:
             evaluated = obj.evaluated_get(depsgraph)
             matrix = np.array(evaluated.matrix_world)
             found.append(np.array([corner[:] for corner in evaluated.bound_box]) @ matrix[:3, :3].T + matrix[:3, 3])
-    scene.frame_set(at)
+    set_frame(scene, at)
     return np.concatenate(found)

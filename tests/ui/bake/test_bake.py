@@ -53,6 +53,20 @@ def test_bake_replaces_a_former_one_and_clears(grid):
     assert np.array_equal(mesh_before, [v.co[:] for v in grid.data.vertices])
 
 
+def test_a_moving_object_is_baked_right_between_frames_before_frame_0(grid, scene):
+    """Twice as many clip frames as scene frames, before and after frame 0, on an object that keyframes move."""
+    for frame, place in ((-6, 0.0), (6, 12.0)):
+        grid.location.x = place
+        grid.keyframe_insert("location", index=0, frame=frame)
+    scene.render.fps = 24
+    motion = motion_of(grid, 8)
+    scene.frame_set(-3, subframe=0.5)
+    bake_motion(grid, motion, Plan(-2, 48.0, SHAPE_KEYS, frames_follow_time=True), scene)
+    assert scene.frame_current_final == -2.5
+    for number in range(9):
+        assert np.abs(shown(grid, -2.0 + 0.5 * number) - motion[number]).max() < 1e-5
+
+
 def test_speed_is_kept_at_another_frame_rate(grid):
     bpy.context.scene.render.fps = 60
     motion = motion_of(grid, 4)

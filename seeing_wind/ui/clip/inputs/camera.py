@@ -11,7 +11,7 @@ import numpy as np
 from ....engine.errors import UsageError
 from ....engine.records import Camera
 from ....engine.take import Take
-from ...bake.animation import keyframes
+from ...bake.animation import keyframes, lineage, set_frame, with_parents
 from ...scene_units import metres_per_unit
 from .clips import clip_of, first_clip_frame, loaded_clip, marker_frame, scene_frame
 from .pace import frame_by_frame
@@ -21,6 +21,9 @@ BLENDER_TO_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
 
 LENS = ("k1", "k2", "p1", "p2", "k3")
 """OpenCV's distortion coefficients, in its order."""
+
+LENS_OF_CAMERA = ("lens", "sensor_width", "sensor_height", "shift_x", "shift_y")
+"""Numbers of a camera's data on which its intrinsics depend."""
 
 NO_CAMERA = ("The scene has no camera.", "Add one where the clip was filmed from, or use a field of view.")
 SPARE = 8
@@ -41,17 +44,17 @@ def camera_source(scene: bpy.types.Scene) -> tuple:
         if not solved:
             raise UsageError("The clip has no camera solve.", "Solve it in the Movie Clip Editor, or use a field of view.")
         obj = _solved_object(scene)
-        pose = obj.name if obj is not None else ""
-        lens = _solved_lens(clip)
-        bend = tuple(round(lens.get(name, 0.0), 6) for name in LENS)
-        return ("solve", pose, round(clip.tracking.reconstruction.average_error, 6), round(lens["fx"], 4), *(bend if any(bend) else ()))
+        lens, error = _solved_lens(clip), clip.tracking.reconstruction.average_error
+        numbers = tuple(round(lens.get(name, 0.0), 6 if name in LENS else 4) for name in ("fx", "fy", "cx", "cy", *LENS))
+        return ("solve", lineage(obj) if obj is not None else "", round(error, 6), clip.frame_offset, numbers)
     if wanted == "SCENE" or (wanted == "AUTO" and settings.scale_mode == "PROXY"):
         obj = scene.camera
         if obj is None:
             raise UsageError(*NO_CAMERA)
-        pose = keyframes(obj) or [tuple(round(value, 5) for value in row) for row in obj.matrix_world]
-        lens = (obj.data.lens, obj.data.sensor_width, obj.data.shift_x, obj.data.shift_y)
-        return ("scene", obj.name, str(pose), lens)
+        keyed = {path for path, _, _ in keyframes(obj.data)}
+        lens = [round(getattr(obj.data, name), 5) for name in LENS_OF_CAMERA if name not in keyed]
+        pixel = (scene.render.pixel_aspect_x, scene.render.pixel_aspect_y)
+        return ("scene", lineage(obj), lens, keyframes(obj.data), obj.data.sensor_fit, pixel)
     return ()
 
 
@@ -183,10 +186,7 @@ def _evaluated(
     With `settings`, the first frame used is at the settings' first scene frame; without, at the scene frame where Blender shows it.
     """
     unit, before = metres_per_unit(scene), scene.frame_current_final
-    lineage = [obj]
-    while lineage[-1].parent is not None:
-        lineage.append(lineage[-1].parent)
-    moves = any(each.animation_data or each.constraints for each in lineage)
+    moves = any(each.animation_data or each.constraints for each in with_parents(obj))
     poses = np.empty((clip_frames, 4, 4))
     try:
         with frame_by_frame(clip):
@@ -195,7 +195,7 @@ def _evaluated(
                 scene.frame_set(at)
                 poses[clip_frame] = np.array(obj.evaluated_get(bpy.context.evaluated_depsgraph_get()).matrix_world)
     finally:
-        scene.frame_set(int(before), subframe=float(before % 1.0))
+        set_frame(scene, before)
     if not moves:
         poses[:] = poses[0]
     poses[:, :3, 3] *= unit

@@ -13,6 +13,7 @@ from mathutils.bvhtree import BVHTree
 from ....engine.errors import UsageError
 from ....engine.records import Camera
 from ....engine.take import Take
+from ...bake.animation import set_frame
 from ...bake.at_rest import at_rest
 from ...scene_mesh import mesh_arrays
 from ...scene_units import metres_per_unit
@@ -26,14 +27,14 @@ def write_depth(scene: bpy.types.Scene, path: Path) -> None:
     Raises:
         UsageError: when the camera does not see the proxy.
     """
-    settings, before = scene.seeing_wind, scene.frame_current
+    settings, before = scene.seeing_wind, scene.frame_current_final
     camera = first_camera(scene)
     scene.frame_set(settings.frame_start)
     try:
         with at_rest(settings.proxy, scene, whole=True) as still:
             vertices, triangles = mesh_arrays(still, bpy.context.evaluated_depsgraph_get())
     finally:
-        scene.frame_set(before)
+        set_frame(scene, before)
     depth = depth_of(vertices * metres_per_unit(scene), triangles, camera)
     if not np.isfinite(depth).any():
         raise UsageError(

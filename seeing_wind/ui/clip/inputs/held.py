@@ -11,6 +11,7 @@ import numpy as np
 from ....engine.errors import UsageError
 from ....engine.records import Camera
 from ....engine.take import Take
+from ...bake.animation import set_frame
 from ...bake.at_rest import at_rest
 from ...job.take_reading import field_summary, read_seen
 from ...job.takes import shown
@@ -44,7 +45,7 @@ def write_painted(scene: bpy.types.Scene, obj: bpy.types.Object, group: str, fol
     Raises:
         UsageError: when no vertex has a weight of `HALF` or more, or the camera sees none of these.
     """
-    settings, before = scene.seeing_wind, scene.frame_current
+    settings, before = scene.seeing_wind, scene.frame_current_final
     camera = _camera(scene, obj)
     scene.frame_set(settings.frame_start)
     try:
@@ -53,7 +54,7 @@ def write_painted(scene: bpy.types.Scene, obj: bpy.types.Object, group: str, fol
             vertices, triangles = mesh_arrays(still, depsgraph)
             index, found = pinned_vertices(still, depsgraph, group)
     finally:
-        scene.frame_set(before)
+        set_frame(scene, before)
     weight = np.zeros(len(vertices))
     weight[index] = found
     size = tuple(loaded_clip(settings).size)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 import zlib
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import bpy
@@ -11,6 +12,7 @@ import numpy as np
 
 from ....engine.errors import ObjectError
 from ....engine.take import Take
+from ...bake.animation import set_frame
 from .clips import first_clip_frame, loaded_clip, scene_frame
 from .tracks import plane_corners
 
@@ -24,13 +26,13 @@ def write_mask(scene: bpy.types.Scene, mask: bpy.types.Mask, path: Path, clip_fr
     Raises:
         ObjectError: when the mask is empty.
     """
-    settings, clip, before = scene.seeing_wind, loaded_clip(scene.seeing_wind), scene.frame_current
+    settings, clip, before = scene.seeing_wind, loaded_clip(scene.seeing_wind), scene.frame_current_final
     clip_frame = first_clip_frame(settings) if clip_frame is None else clip_frame
     scene.frame_set(scene_frame(clip, clip_frame))
     try:
         inside = mask_pixels(mask, *clip.size)
     finally:
-        scene.frame_set(before)
+        set_frame(scene, before)
     if not inside.any():
         raise ObjectError(
             f"Nothing is inside the mask {mask.name} in frame {clip_frame} of the file.", "Close its splines (Alt C) and show its layers."
@@ -86,12 +88,25 @@ _BLEND = {
 
 
 def mask_stamp(mask: bpy.types.Mask) -> tuple:
-    """Stamp of the layers' settings and control points; handles and feather do not count."""
+    """Stamp of the layers' settings, control points and handles; feather does not count."""
     return tuple(
-        (layer.name, layer.blend, layer.invert, layer.alpha, layer.hide_render, spline.use_cyclic, *(tuple(p.co) for p in spline.points))
+        (
+            layer.name, layer.blend, layer.invert, layer.alpha, layer.hide_render, spline.use_cyclic, spline.use_fill,
+            *(_stamp_of(point) for point in spline.points),
+        )
         for layer in mask.layers
         for spline in layer.splines
-    )
+    )  # fmt: skip
+
+
+def _stamp_of(point: bpy.types.MaskSplinePoint) -> tuple:
+    """Place and handles of a control point. Where Blender places a handle by itself, its kind alone counts: it may not be placed yet."""
+    handles = ((point.handle_left_type, point.handle_left), (point.handle_right_type, point.handle_right))
+    return (tuple(point.co), *((kind,) if kind in ("AUTO", "VECTOR") else (kind, *_rounded(place)) for kind, place in handles))
+
+
+def _rounded(place: Iterable[float]) -> Iterator[float]:
+    return (round(value, 5) for value in place)
 
 
 def polygon_pixels(corners: np.ndarray, width: int, height: int) -> np.ndarray:

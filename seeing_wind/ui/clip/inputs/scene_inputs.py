@@ -10,6 +10,8 @@ from pathlib import Path
 import bpy
 
 from ....engine.errors import ObjectError, UsageError
+from ...bake.animation import lineage
+from ...edit.resimulate.geometry import geometry
 from .camera import camera_source, write_camera
 from .clips import clip_of
 from .depth import write_depth
@@ -57,8 +59,8 @@ def scene_inputs(scene: bpy.types.Scene) -> tuple[SceneInput, ...]:
     if settings.scale_mode == "PROXY":
         if not camera:
             raise UsageError("A proxy is seen through a camera, and there is none.", "Use the scene's camera or a camera solve.")
-        place = tuple(tuple(row) for row in settings.proxy.matrix_world)
-        found.append(SceneInput("depth", "depth.npy", place, partial(write_depth, scene)))
+        stamp = (geometry(settings.proxy)[:2], lineage(settings.proxy))
+        found.append(SceneInput("depth", "depth.npy", stamp, partial(write_depth, scene)))
     if camera:
         found.append(SceneInput("camera", "camera.json", camera, partial(write_camera, scene)))
     return tuple(found)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from array import array
 from pathlib import Path
 
 import bpy
@@ -9,6 +10,7 @@ import numpy as np
 
 from ....engine.errors import ObjectError
 from ....engine.take import Take
+from ...job.status import digest_of
 from .camera import SPARE
 from .clips import first_clip_frame, loaded_clip, marker_frame
 
@@ -45,10 +47,19 @@ def write_tracks(scene: bpy.types.Scene, path: Path) -> int:
 
 
 def tracks_stamp(clip: bpy.types.MovieClip) -> tuple:
-    """Stamp of all tracks: names, numbers of markers, and first and last positions, which change when a track is extended or moved."""
-    ends = [(t.name, len(t.markers), tuple(t.markers[0].co), tuple(t.markers[-1].co)) for t in clip.tracking.tracks if len(t.markers)]
-    planes = [(p.name, len(p.markers), str([tuple(corner) for corner in p.markers[0].corners])) for p in clip.tracking.plane_tracks]
-    return (*ends, *planes)
+    """Stamp of all tracks and plane tracks: names, offsets, and all markers, with those that are muted; and which plane is active."""
+    planes = clip.tracking.plane_tracks
+    points = [(track.name, tuple(track.offset), _markers(track.markers, "co", 2)) for track in clip.tracking.tracks]
+    corners = [(plane.name, _markers(plane.markers, "corners", 8)) for plane in planes]
+    return (clip.frame_offset, *points, *corners, planes.active.name if planes.active is not None else "")
+
+
+def _markers(markers: bpy.types.bpy_prop_collection, place: str, count: int) -> str:
+    """Digest of frame, mute and place (`count` numbers) of all markers of a track."""
+    parts = [array("i", bytes(4 * len(markers))), array("b", bytes(len(markers))), array("f", bytes(4 * count * len(markers)))]
+    for name, values in zip(("frame", "mute", place), parts, strict=True):
+        markers.foreach_get(name, values)
+    return digest_of(*(values.tolist() for values in parts))
 
 
 def plane_corners(clip: bpy.types.MovieClip, plane: bpy.types.MovieTrackingPlaneTrack, clip_frame: int) -> np.ndarray | None:

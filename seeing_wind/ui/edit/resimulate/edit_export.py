@@ -14,7 +14,7 @@ from ....engine.errors import TakeError, UsageError
 from ....engine.record_arrays import from_arrays
 from ....engine.records import Attachment
 from ....engine.take import Take
-from ...bake.animation import values_over
+from ...bake.animation import set_frame, values_over
 from ...bake.at_rest import as_shown, at_rest
 from ...job.take_reading import FieldSummary, field_summary
 from ...job.takes import own
@@ -49,7 +49,7 @@ def export_edit(
     """
     if not request.bodies:
         raise UsageError("No mesh is inserted.", "Select a mesh and use Insert Mesh first.")
-    at = scene.frame_current
+    at = scene.frame_current_final
     scene.frame_set(request.frame_start)
     try:
         field = field_summary(Take(source))
@@ -58,7 +58,7 @@ def export_edit(
         colliders, notes = _colliders(request, scene, folder, frames)
         stands = standing(scene, field.box, frames, request.metres)
     finally:
-        scene.frame_set(at)
+        set_frame(scene, at)
     notes += said_of_field(scene) + left_out(scene)
     forces, said = _forces(request, scene, field, folder, bodies, frames)
     values = request.values | stands.ends | {
@@ -94,7 +94,7 @@ def refuse_unfit(objects: Sequence[bpy.types.Object], scene: bpy.types.Scene, co
                 refuse_no_sheet(obj, *arrays)
     finally:
         if away:
-            scene.frame_set(int(before // 1), subframe=before % 1.0)
+            set_frame(scene, before)
 
 
 def _forces(
@@ -182,9 +182,9 @@ def _way(obj: bpy.types.Object, scene: bpy.types.Scene, pinned: np.ndarray, fram
 def _visited(scene: bpy.types.Scene, frames: list[float]) -> Iterator[float]:
     """Yield scene frames, each with the scene set to it; afterwards the scene is set to the first again."""
     for frame in frames:
-        scene.frame_set(int(frame // 1), subframe=frame % 1.0)
+        set_frame(scene, frame)
         yield frame
-    scene.frame_set(int(frames[0] // 1), subframe=frames[0] % 1.0)
+    set_frame(scene, frames[0])
 
 
 def _unless_still(way: list[np.ndarray]) -> np.ndarray | None:

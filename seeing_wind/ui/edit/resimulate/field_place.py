@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
-from ...bake.animation import keyframes
+from ...bake.animation import keyframes, lineage, set_frame
 from ...field.display import share
-from .geometry import lineage, may_move_along
+from .geometry import may_move_along
 
 if TYPE_CHECKING:
     import numpy as np
@@ -63,7 +63,7 @@ def standing(scene: bpy.types.Scene, box: np.ndarray, frames: list[float], metre
         scene.frame_set(frame)
         now = obj.evaluated_get(bpy.context.evaluated_depsgraph_get())
         matrices[frame], shares[frame] = np.array(now.matrix_world, dtype=np.float64), share(now)
-    scene.frame_set(int(frames[0] // 1), subframe=frames[0] % 1.0)
+    set_frame(scene, frames[0])
     world = np.stack([matrices.get(frame, matrices[asked[0]]) for frame in asked])
     world[:, :3, 3] = world[:, :3, 3] * metres - world[:, :3, :3] @ box.mean(axis=0)
     moved = np.abs(world - np.eye(4)).max() > ALIKE * max(1.0, float(np.abs(box).max()))

@@ -6,9 +6,9 @@ from collections.abc import Iterator
 
 import bpy
 
-from ...bake.animation import keyframes
+from ...bake.animation import drivers_of, keyframes, lineage
 from ...field.display import SLOWS, is_field, said_of_mirror
-from .geometry import geometry, lineage
+from .geometry import geometry
 
 WITH_SPEED = {"DRAG", "HARMONIC", "MAGNET", "FLUID_FLOW"}
 """Types of force fields whose force depends on the velocity of the body they push; that of any other type does if its *Flow* is set."""
@@ -91,8 +91,7 @@ def _pushes(obj: bpy.types.Object) -> bool:
 
 def _moving(obj: bpy.types.Object) -> set[str]:
     """Paths of an object's properties that keyframes or drivers change."""
-    drivers = obj.animation_data.drivers if obj.animation_data is not None else ()
-    return {path for path, _, _ in keyframes(obj)} | {driver.data_path for driver in drivers}
+    return {path for path, *_ in (*keyframes(obj), *drivers_of(obj))}
 
 
 def _settings(obj: bpy.types.Object) -> list[tuple]:
@@ -105,5 +104,4 @@ def _settings(obj: bpy.types.Object) -> list[tuple]:
         value = getattr(field, name)
         plain = getattr(value, "name", "") if prop.type == "POINTER" else round(value, 5) if prop.type == "FLOAT" else value
         found.append((name, plain))
-    drivers = obj.animation_data.drivers if obj.animation_data is not None else ()
-    return found + [(driver.data_path, driver.driver.expression) for driver in drivers]
+    return found + [(path, expression) for path, _, expression in drivers_of(obj)]

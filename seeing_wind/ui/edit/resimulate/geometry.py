@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 import bpy
 
-from ...bake.animation import keyframes
+from ...bake.animation import keyframes, keys_of_place, lineage, rounded, with_parents
 from ...bake.plan import mark_of
 from ...job.status import digest_of
 
@@ -28,23 +28,10 @@ def place(obj: bpy.types.Object) -> list:
     """Where an object stands, independent of the current frame; its keyframes if it is animated. Those of a bake do not count."""
     mark = mark_of(obj)
     if mark is not None and mark["way"] == "TRANSFORM":
-        return _rounded(mark["former"]["world"])
-    above = _with_parents(obj)
-    if not any(_keys_of_place(each) or each.constraints or each.rigid_body for each in above):
-        return _rounded(obj.matrix_world)
+        return rounded(mark["former"]["world"])
+    if not any(keys_of_place(each) or each.constraints or each.rigid_body for each in with_parents(obj)):
+        return rounded(obj.matrix_world)
     return lineage(obj)
-
-
-def lineage(obj: bpy.types.Object) -> list[tuple]:
-    """The place of an object that Blender may not have evaluated yet, as in a file just opened: the transforms of it and its parents."""
-    return [(_keys_of_place(each) or _rounded(each.matrix_basis), _rounded(each.matrix_parent_inverse)) for each in _with_parents(obj)]
-
-
-def _with_parents(obj: bpy.types.Object) -> list[bpy.types.Object]:
-    found = [obj]
-    while found[-1].parent is not None:
-        found.append(found[-1].parent)
-    return found
 
 
 def may_move(obj: bpy.types.Object) -> bool:
@@ -84,14 +71,6 @@ def baked_motion(obj: bpy.types.Object, scene: bpy.types.Scene) -> list:
     seen = seen_in_place_of(obj, scene)
     mark = mark_of(seen)
     return [] if mark is None else [mark["stamp"], keyframes(seen), keyframes(seen.data.shape_keys) if seen.data.shape_keys else ()]
-
-
-def _keys_of_place(obj: bpy.types.Object) -> list:
-    return [curve for curve in keyframes(obj) if curve[0].startswith(("location", "rotation", "scale", "delta_"))]
-
-
-def _rounded(matrix) -> list[float]:
-    return [round(value, 5) for row in matrix for value in row]
 
 
 def weights(obj: bpy.types.Object, group: str) -> str:
