@@ -38,9 +38,6 @@ class SEEING_WIND_OT_recover(JobOperator, RecoverOptions, bpy.types.Operator):
         """Store the options given as keyword arguments in the scene's settings, then start the job."""
         settings = scene.seeing_wind
         self.given = adopt(settings, self.properties)
-        for name, pool in (("mask_data", bpy.data.masks), ("held_mask", bpy.data.masks), ("proxy", scene.objects)):
-            if self.properties.is_property_set(name):
-                setattr(settings, name, _found(pool, getattr(self, name)))
         request, python = RecoverRequest.of(scene), engine_python()
         self.digest, self.folder, self.clip = request.digest(), request.take, request.clip
         takes.refuse_of_another(self.folder, self.clip)
@@ -74,14 +71,6 @@ class SEEING_WIND_OT_recover(JobOperator, RecoverOptions, bpy.types.Operator):
         status.of(scene.session_uid).warnings = _left_behind(scene.seeing_wind, self.folder) + results.notes(scene, self.folder)
         _say_what_is_not_seen(self, scene)
         return f"Recovered into {self.folder.name}. Next: play it, then insert a mesh (step 4)"
-
-
-def _found(pool, name: str):
-    """The datablock called `name`. Raises UsageError when there is none."""
-    found = pool.get(name)
-    if found is None:
-        raise UsageError(f"There is no {name!r} in this file.", "Check the name.")
-    return found
 
 
 def _left_behind(settings: bpy.types.PropertyGroup, folder: Path) -> list[str]:

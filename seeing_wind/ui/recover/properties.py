@@ -8,6 +8,7 @@ from typing import Any
 import bpy
 from bpy.props import BoolProperty, CollectionProperty, PointerProperty, StringProperty
 
+from ...engine.errors import UsageError
 from ...engine.settings import RecoverSettings, WindSettings
 from ..clip.object.properties import ObjectOptions
 from ..clip.properties import ClipOptions
@@ -17,6 +18,9 @@ from ..property_kinds import PATH, changed, choice
 
 Given = dict[str, tuple[Any, Any]]
 """Options that an operator was called with: what the scene had before, and what it has of them now."""
+
+DATA = {"mask_data": "masks", "held_mask": "masks", "proxy": "objects"}
+"""Datablocks that an operator takes by name, and the collection of Blender's data that each is in."""
 
 MODES = {
     "box": ("object_mode", "BOX"),
@@ -79,11 +83,16 @@ IMPLIED = MODES | {name.removeprefix("use_"): (name, True) for name in OPTIONS i
 
 
 def adopt(settings: bpy.types.PropertyGroup, arguments: bpy.types.OperatorProperties) -> Given:
-    """Take over an operator's options and the modes that they imply. Returns the former and new values, for `give_back`."""
+    """Take over an operator's options, datablocks, and the modes that they imply. Returns the former and new values, for `give_back`.
+
+    Raises:
+        UsageError: when there is no datablock of the given name; the settings are then unchanged.
+    """
+    data = {name: _found(settings, name, getattr(arguments, name)) for name in DATA if arguments.is_property_set(name)}
     given = [name for name in OPTIONS if arguments.is_property_set(name)]
     modes = {mode: value for name, (mode, value) in IMPLIED.items() if name in given and mode not in given}
-    former = {name: _plain(getattr(settings, name)) for name in (*modes, *given)}
-    for name, value in modes.items():
+    former = {name: _plain(getattr(settings, name)) for name in (*modes, *given, *data)}
+    for name, value in (modes | data).items():
         setattr(settings, name, value)
     for name in given:
         setattr(settings, name, getattr(arguments, name))
@@ -94,9 +103,25 @@ def give_back(settings: bpy.types.PropertyGroup, given: Given) -> None:
     """Restore the values that `adopt` replaced, except where a value was changed since."""
     for name, (former, taken) in given.items():
         if _plain(getattr(settings, name)) == taken:
-            setattr(settings, name, former)
+            setattr(settings, name, _with_id(DATA[name], former) if name in DATA else former)
+
+
+def _found(settings: bpy.types.PropertyGroup, name: str, called: str) -> bpy.types.ID:
+    """The datablock for an option of `DATA`; of objects, one of the scene. Raises UsageError when there is none."""
+    pool = settings.id_data.objects if DATA[name] == "objects" else getattr(bpy.data, DATA[name])
+    found = pool.get(called)
+    if found is None:
+        raise UsageError(f"There is no {called!r} in this file.", "Check the name.")
+    return found
+
+
+def _with_id(pool: str, session_uid: int | None) -> bpy.types.ID | None:
+    """The datablock with this session id; None if the user has deleted it since."""
+    return next((each for each in getattr(bpy.data, pool) if each.session_uid == session_uid), None)
 
 
 def _plain(value: Any) -> Any:
-    """A property's value as a copy that later changes of the property do not affect."""
+    """A property's value as a copy that later changes of the property do not affect; of a datablock, which an undo replaces, its id."""
+    if isinstance(value, bpy.types.ID):
+        return value.session_uid
     return tuple(value) if isinstance(value, bpy.types.bpy_prop_array) else value

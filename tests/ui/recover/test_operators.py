@@ -203,6 +203,26 @@ def test_options_that_cannot_be_used_do_not_stay(workplace, scene, monkeypatch, 
     assert bpy.ops.seeing_wind.recover(take=str(workplace / "refused.take")) == {"FINISHED"}
 
 
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ({"camera": "/no/camera.json"}, "There is no camera file"),
+        ({"proxy": "Nothing"}, "There is no 'Nothing' in this file"),
+        ({"object_mode": "BLENDER_MASK"}, "Nothing is inside the mask New"),
+    ],
+)
+def test_masks_and_proxy_of_a_refused_call_do_not_stay(workplace, scene, options, says) -> None:
+    settings, former, new = scene.seeing_wind, bpy.data.masks.new("Former"), bpy.data.masks.new("New")
+    settings.clip, settings.box, settings.mask_data, settings.proxy = str(workplace / "clip.mp4"), (20, 20, 44, 44), former, cube("Before")
+    cube("After")
+    with pytest.raises(RuntimeError, match=says):
+        bpy.ops.seeing_wind.recover(
+            **{"mask_data": new.name, "held_mask": new.name, "proxy": "After", "take": str(workplace / "masks.take")} | options
+        )
+    assert (settings.mask_data, settings.held_mask, settings.proxy) == (former, None, scene.objects["Before"])
+    assert (settings.object_mode, settings.take, tuple(settings.box)) == ("BOX", "", (20, 20, 44, 44))
+
+
 def test_options_of_a_worker_that_broke_down_stay(workplace, scene, monkeypatch) -> None:
     monkeypatch.setenv("SEEING_WIND_FAKE", "die")
     with pytest.raises(RuntimeError, match="SIGKILL"):
