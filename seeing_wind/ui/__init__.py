@@ -44,6 +44,7 @@ from .clip.object import properties as object_properties
 from .composite import operators as composite_operators
 from .composite import panel as composite_panel
 from .composite import properties as composite_properties
+from .edit import inserting as edit_inserting
 from .edit import operators as edit_operators
 from .edit import panel as edit_panel
 from .edit import properties as edit_properties
@@ -71,7 +72,7 @@ FEATURES = (
     recover_operators, recover_panel,
     field_properties, field_operators, field_panel,
     library_operators, library_panel,
-    edit_properties, edit_operators, edit_panel,
+    edit_properties, edit_inserting, edit_operators, edit_panel,
     resimulate_operators, resimulate_panel,
     bake_operators, bake_panel,
     composite_properties, composite_operators, composite_panel,

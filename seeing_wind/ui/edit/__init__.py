@@ -1,7 +1,8 @@
 """Step 4, the edit: the meshes inserted into the field, where they are held, how heavy they are and what they collide with.
 
 properties  the settings of an edit: bodies, colliders, further edits
-operators   insert, remove, pin, scale and release bodies; add and remove colliders; duplicate and remove an edit
+inserting   the operators that put meshes into the edit, as bodies and colliders
+operators   pin, scale, release and remove bodies; remove colliders; duplicate and remove an edit
 panel       the panel *Edit*
 importing   import of meshes from files
 from_file   fills the Edit list from an edit.toml that was simulated elsewhere

@@ -65,9 +65,9 @@ def _draw_body(column, body, settings) -> None:
     if not body.is_recovered:
         column.prop(body, "object")
         draw_material(column, body)
-        words = shell_words(body)
+        words = body.no_sheet or shell_words(body)
         if words:
-            draw_text(column, bpy.context, words, "MOD_CLOTH")
+            draw_text(column, bpy.context, words, "ERROR" if body.no_sheet else "MOD_CLOTH")
     obj = settings.recovered_object if body.is_recovered else body.object
     column.prop(body, "mass_scale")
     column.prop(body, "stiffness_scale")

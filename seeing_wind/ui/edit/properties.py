@@ -28,6 +28,7 @@ class SEEING_WIND_PG_body(Line, bpy.types.PropertyGroup):
     is_recovered: BoolProperty(name="Recovered Object", description="The object of the clip itself, at its recovered material")
     object: PointerProperty(name="Object", type=bpy.types.Object, poll=is_mesh, description="The mesh to move", update=changed)
     open_area: FloatProperty(options={"HIDDEN"}, description="Of an open mesh (m²); 0 for a closed one")
+    no_sheet: StringProperty(options={"HIDDEN"}, description="Why a thin material does not suit its mesh; empty if it does")
     material: choice("Material", "What the body is made of", MATERIAL_ITEMS, BuildSettings.material)
     pin_group: StringProperty(
         name="Pinned", update=changed,

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import bpy
 
 from ...engine.conventions import in_units, weight_in_words
+from ...engine.errors import UsageError
 from ...engine.materials import SHEET_UNITS, SHEETS
 from ..scene_units import metres_per_unit
 from .resimulate.geometry import once_per_shape
+
+if TYPE_CHECKING:
+    import numpy as np
 
 SAME = 1e-5
 """Relative difference below which areas count as equal: single precision."""
@@ -17,7 +23,7 @@ SHEET = tuple(SHEET_UNITS)
 
 def open_area(obj: bpy.types.Object | None, scene: bpy.types.Scene) -> float:
     """Area [m²] of a mesh with a border, ignoring its modifiers; 0 for a closed mesh and for None."""
-    import numpy as np  # not above, see CONTRIBUTING.md
+    import numpy as np  # not above, see CONTRIBUTING.md; as in the next two functions
 
     if obj is None or obj.type != "MESH" or not len(obj.data.polygons):
         return 0.0
@@ -26,24 +32,49 @@ def open_area(obj: bpy.types.Object | None, scene: bpy.types.Scene) -> float:
     mesh.loops.foreach_get("edge_index", edges)
     if not (np.bincount(edges) == 1).any():
         return 0.0
+    places, corners = _arrays(mesh)
+    a, b, c = (places @ np.array(obj.matrix_world.to_3x3()).T)[corners].transpose(1, 0, 2)
+    return float(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()) * metres_per_unit(scene) ** 2
+
+
+def said_of_no_sheet(obj: bpy.types.Object) -> str:
+    """Why Re-simulate would refuse a mesh of a thin material, in the same words; "" if it would not. Modifiers are ignored."""
+    from ..scene_mesh import refuse_no_sheet
+
+    try:
+        if len(obj.data.polygons):
+            refuse_no_sheet(obj, *_arrays(obj.data))
+    except UsageError as error:
+        return f"{error.message} {error.hint}"
+    return ""
+
+
+def _arrays(mesh: bpy.types.Mesh) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices (V, 3) in object space, and triangles (M, 3)."""
+    import numpy as np
+
     mesh.calc_loop_triangles()
     corners = np.empty((len(mesh.loop_triangles), 3), dtype=np.int32)
     mesh.loop_triangles.foreach_get("vertices", corners.reshape(-1))
     places = np.empty((len(mesh.vertices), 3), dtype=np.float32)
     mesh.vertices.foreach_get("co", places.reshape(-1))
-    a, b, c = (places @ np.array(obj.matrix_world.to_3x3()).T)[corners].transpose(1, 0, 2)
-    return float(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()) * metres_per_unit(scene) ** 2
+    return places, corners
 
 
 def measure(scene: bpy.types.Scene) -> None:
-    """Store the present area of each body's mesh, so that drawing the panel need not compute it."""
+    """Store the present area of each body's mesh, and why it can be no sheet, so that drawing the panel need not compute them."""
     for body in scene.seeing_wind.bodies:
-        obj, area = body.object, 0.0
+        obj, area, refusal = body.object, 0.0, ""
         if obj is not None and obj.type == "MESH":
             stretched = [round(value, 6) for row in obj.matrix_world.to_3x3() for value in row]
             area = once_per_shape(obj, f"area {stretched} {metres_per_unit(scene)}", lambda obj=obj: open_area(obj, scene))
+            # modifiers may mend or spoil it, which is known when the mesh is written
+            if body.material in SHEETS and not any(modifier.show_viewport for modifier in obj.modifiers):
+                refusal = once_per_shape(obj, "no sheet", lambda obj=obj: said_of_no_sheet(obj))
         if abs(area - body.open_area) > SAME * area:
             body.open_area = area
+        if body.no_sheet != refusal:
+            body.no_sheet = refusal
 
 
 def is_shell(body: bpy.types.PropertyGroup) -> bool:

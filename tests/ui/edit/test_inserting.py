@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import bpy
 import numpy as np
 import pytest
 
+from seeing_wind.ui.edit.panel import EditTab
 from seeing_wind.ui.job import operator as job_operator
+from tests.ui.drawn import Drawn
 from tests.ui.job.test_modal import Window, resimulating, step_until_over
 from tests.ui.jobs import recover
 from tests.ui.meshes import cube
@@ -131,7 +135,7 @@ SQUARE, CORNERS = [(0, 1, 2, 3)], [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 1.0, 
 UP, DOWN = [(0.0, 0.0, 1.0), (1.0, 0.0, 1.0)], [(0.0, 0.0, -1.0), (1.0, 0.0, -1.0)]
 
 
-@pytest.mark.parametrize(
+NO_SHEETS = pytest.mark.parametrize(
     ("vertices", "faces", "says"),
     [
         ([*CORNERS, *UP], SQUARE, "has 2 loose vertices.*Delete Loose"),
@@ -139,6 +143,9 @@ UP, DOWN = [(0.0, 0.0, 1.0), (1.0, 0.0, 1.0)], [(0.0, 0.0, -1.0), (1.0, 0.0, -1.
         ([*CORNERS, *CORNERS, *CORNERS, *UP], [*SQUARE, (4, 5, 6, 7), (8, 9, 13, 12)], "has 2 edges with three faces"),
     ],
 )  # fmt: skip
+
+
+@NO_SHEETS
 def test_what_is_no_sheet_is_refused_when_it_is_inserted_as_one(workplace, scene, vertices, faces, says) -> None:
     recover(workplace)
     sheet("Sail", vertices, faces)
@@ -146,6 +153,38 @@ def test_what_is_no_sheet_is_refused_when_it_is_inserted_as_one(workplace, scene
         bpy.ops.seeing_wind.insert_mesh(object="Sail", material="cotton")
     assert not len(scene.seeing_wind.bodies)
     assert bpy.ops.seeing_wind.insert_mesh(object="Sail", material="rubber") == {"FINISHED"}, "a solid is filled all the same"
+
+
+def panel() -> str:
+    """What the panel *Edit* says."""
+    layout = Drawn()
+    EditTab.fill(SimpleNamespace(bl_space_type="VIEW_3D"), bpy.context, layout)
+    return " ".join(layout.labels)
+
+
+@NO_SHEETS
+def test_what_becomes_no_sheet_by_its_material_is_told_at_once_and_refused_before_the_job(workplace, scene, vertices, faces, says) -> None:
+    recover(workplace)
+    obj = sheet("Sail", vertices, faces)
+    bpy.ops.seeing_wind.insert_mesh(object="Sail", material="rubber")
+    assert "Sail has" not in panel()
+    scene.seeing_wind.bodies[0].material = "cotton"
+    assert re.search(f"Sail {says}", panel())
+    with pytest.raises(RuntimeError, match=f"Sail {says}"):
+        bpy.ops.seeing_wind.resimulate()
+    assert not (workplace / "out.edit.take" / "edit.toml").exists(), "the engine was not asked"
+    obj.data.clear_geometry()
+    obj.data.from_pydata(CORNERS, [], SQUARE)
+    bpy.context.view_layer.update()
+    assert "Sail has" not in panel() and "Shell" in panel() and bpy.ops.seeing_wind.resimulate() == {"FINISHED"}
+
+
+def test_a_modifier_may_mend_what_is_no_sheet(workplace, scene) -> None:
+    recover(workplace)
+    obj = sheet("Sail", [*CORNERS, *UP, *DOWN], [*SQUARE, (0, 1, 5, 4), (0, 1, 7, 6)])
+    obj.modifiers.new("Thick", "SOLIDIFY").solidify_mode = "NON_MANIFOLD"
+    bpy.ops.seeing_wind.insert_mesh(object="Sail", material="cotton")
+    assert "Sail has" not in panel() and bpy.ops.seeing_wind.resimulate() == {"FINISHED"}
 
 
 def test_sheets_and_solids_are_taken_as_before(workplace, scene) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 
 from ....engine.conventions import GRAVITY
 from ....engine.errors import TakeError, UsageError
+from ....engine.materials import SHEETS
 from ....engine.record_arrays import from_arrays
 from ....engine.records import Attachment
 from ....engine.take import Take
@@ -44,7 +45,7 @@ def export_edit(
     offset subtracted). For a preview, the edit asks for coarser particles, and only for the frames that are played or baked.
 
     Raises:
-        UsageError: no bodies, an object that is gone, an empty vertex group.
+        UsageError: no bodies, an object that is gone, an empty vertex group, an open mesh of cloth that is no sheet.
         TakeError: when the take `source` has no recovered object but the edit asks for it.
     """
     if not request.bodies:
@@ -153,6 +154,8 @@ def _body(body: Body, request: EditRequest, scene: bpy.types.Scene, source: Path
     obj = present(body, scene)
     with at_rest(obj, scene) as still:
         depsgraph = bpy.context.evaluated_depsgraph_get()
+        if body.values["material"] in SHEETS:
+            refuse_no_sheet(still, *solid_arrays(still, depsgraph))
         mesh = export_mesh(still, depsgraph, folder / "meshes" / f"{body.result}.npz", -np.array(request.offset))
         entry["mesh"] = mesh.relative_to(folder)
         if body.pin_group:
