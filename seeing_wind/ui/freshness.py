@@ -20,6 +20,7 @@ from .edit.sheet_label import measure
 from .job import status
 from .job.takes import INPUTS, simulated, stamp_of, take_folder
 from .recover.request import RecoverRequest, scene_values
+from .scene_units import learn_units
 
 T = TypeVar("T")
 OVERTAKEN = "Another version of this file has simulated its own since"
@@ -98,6 +99,7 @@ def _after_load(*_: object) -> None:
     status.forget_all()
     forget_geometry()
     for scene in bpy.data.scenes:
+        learn_units(scene)
         if len(scene.seeing_wind.bodies):  # their places are known only after Blender has evaluated them
             scene.view_layers[0].update()
         _see_what_was_overtaken(scene)

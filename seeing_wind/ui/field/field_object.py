@@ -20,12 +20,12 @@ import bpy
 import numpy as np
 
 from ...engine.errors import UsageError
-from ..scene_units import METRES, metres_per_unit
+from ..scene_units import METRES, SAME, metres_per_unit, unit_of
 from .arrows import show_reach
 from .display import BLOWS, CARRIED, DRAG, FORCE, KIND, LINEAR, LOOP, NODES, SPEEDS, STRIDE, SURE, WIND, has_wind, share
 from .lattice import SampledField
 from .node_groups import GroupBuilder, set_up_modifier
-from .samples import create_samples, read_samples, sample_wind_group, samples_of, set_reach
+from .samples import create_samples, read_samples, sample_wind_group, samples_of, scale_samples, set_reach
 from .texture.atlas import make_atlas
 from .texture.followers import COLOR, Followers, make_followers
 from .texture.reach import FADE, reach_of
@@ -129,6 +129,25 @@ def make_again(field: bpy.types.Object, reach: str, kind: str = FORCE) -> None:
             bpy.data.node_groups.remove(tree)
     _blow(field, read_samples(samples), reach, kind)
     field.field.strength *= factor
+
+
+def convert_unit(field: bpy.types.Object, scene: bpy.types.Scene) -> None:
+    """Convert a field object that was made for another scene unit to that of `scene`, so that it is the same in metres; its place stays.
+
+    A field object of another file, or that does not know its unit, is left as it is.
+    """
+    unit, samples = metres_per_unit(scene), samples_of(field)
+    factor = (unit_of(field) or unit) / unit
+    if abs(factor - 1.0) < SAME or samples is None or any(each.library or each.override_library for each in (field, samples, samples.data)):
+        return
+    for obj in (field, samples):
+        if obj.data.users > 1:  # a copy of the field, which is converted for itself
+            obj.data = obj.data.copy()
+    for vertex in field.data.vertices:
+        vertex.co *= factor
+    scale_samples(samples, factor)
+    field[METRES] = unit
+    make_again(field, field["seeing_wind_reach"], field[KIND])
 
 
 def turn_override(field: bpy.types.Object) -> None:

@@ -99,6 +99,19 @@ def read_samples(samples: bpy.types.Object) -> SampledField:
     return SampledField(places, vectors[FORCE], sure, vectors.get(VELOCITY), distance)
 
 
+def scale_samples(samples: bpy.types.Object, factor: float) -> None:
+    """Multiply places, forces, velocities and distances of the values of a field object by a factor, as for another unit of length."""
+    mesh = samples.data
+    for owner, name, count in [
+        (mesh.vertices, "co", 3), *((mesh.attributes[name].data, "vector", 3) for name in (FORCE, VELOCITY) if name in mesh.attributes),
+        *((mesh.attributes[name].data, "value", 1) for name in (DISTANCE,) if name in mesh.attributes),
+    ]:  # fmt: skip
+        values = np.empty(count * len(owner), dtype=np.float32)
+        owner.foreach_get(name, values)
+        owner.foreach_set(name, values * np.float32(factor))
+    mesh.update()
+
+
 def rows_at(field: bpy.types.Object, times: np.ndarray, count: int) -> np.ndarray:
     """Indices (T,) of which of a field object's `count` clip frames act at times (T,) [scene frames], by the solvers' clock."""
     rows = np.floor((times - field["seeing_wind_frame_start"]) / stride_of(field) + 1e-4).astype(np.int64)

@@ -9,7 +9,7 @@ from mathutils import Euler
 
 from seeing_wind.ui import freshness
 from seeing_wind.ui.field.solvers.calibration import calibrate_object
-from seeing_wind.ui.scene_units import said_of_units
+from seeing_wind.ui.scene_units import METRES, said_of_units
 from tests.ui.edit.edits import state, written
 from tests.ui.fake_engine import DENSITY, FRAMES, swirl
 from tests.ui.fake_engine import away as from_object
@@ -143,6 +143,27 @@ def test_another_unit_is_told_until_the_results_are_loaded_again(recovered, tmp_
     units.system = "METRIC"
     assert ops.build_scene() == {"FINISHED"} and said_of_units(field, recovered) == ""
     assert ops.resimulate() == {"FINISHED"}
+
+
+@pytest.mark.parametrize(("gone", "learnt"), [(False, 0.1), (True, 0.02)])
+def test_a_field_of_an_earlier_version_learns_its_unit_when_its_file_is_opened(recovered, workplace, tmp_path, gone, learnt):
+    """From its box in the take, if that is there; else it is the scene's, so that a later change is noticed."""
+    recovered.unit_settings.scale_length = 0.1
+    assert bpy.ops.seeing_wind.build_scene() == {"FINISHED"}
+    settings = recovered.seeing_wind
+    del settings.field_object[METRES]
+    recovered.unit_settings.scale_length = 0.02
+    assert said_of_units(settings.field_object, recovered) == "", "nothing is known"
+    if gone:
+        settings.recovered_take = settings.field_object["seeing_wind_take"] = str(tmp_path / "gone.take")
+    bpy.ops.wm.save_as_mainfile(filepath=str(workplace / "earlier.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(workplace / "earlier.blend"))
+    scene = bpy.context.scene
+    field = scene.seeing_wind.field_object
+    assert field[METRES] == pytest.approx(learnt, rel=1e-6)
+    assert ("made for a unit scale of 0.1, and the scene's is 0.02" in said_of_units(field, scene)) != gone
+    scene.unit_settings.scale_length = 1.0
+    assert f"made for a unit scale of {learnt:g}, and the scene's is 1" in said_of_units(field, scene)
 
 
 def test_a_field_that_is_deleted_or_hidden_is_told_and_still_fades(workplace, recovered, field):

@@ -14,6 +14,7 @@ import pytest
 from seeing_wind.ui.field.display import KIND, arrows_of, lacks_arrows
 from seeing_wind.ui.field.library import shelf
 from seeing_wind.ui.field.samples import read_samples, samples_of
+from seeing_wind.ui.scene_units import METRES, said_of_units
 
 ROOT = Path(__file__).resolve().parents[3]
 CHECK = runpy.run_path(str(ROOT / "tests" / "blender" / "wind_check.py"), run_name="checks")
@@ -203,6 +204,64 @@ def test_a_wind_goes_by_at_its_own_speed_and_what_it_carries_is_whole(library) -
     assert read_samples(samples_of(field)).velocity[:, 0, 0] == pytest.approx(SPEEDS)
     with pytest.raises(TypeError, match="not found"):
         bpy.ops.seeing_wind.add_wind(wind="Hurricane")
+
+
+@pytest.mark.parametrize("noted", [True, False], ids=["made now", "by an earlier version"])
+@pytest.mark.parametrize("how", ["added", "appended"])
+def test_a_wind_is_the_same_in_a_scene_of_another_unit(library, monkeypatch, how, noted) -> None:
+    """In centimetres, box, wind, force, arrows and what particles feel are those of a scene in metres."""
+    if not noted:
+        bpy.ops.wm.open_mainfile(filepath=str(library / shelf.BLEND))
+        for obj in bpy.data.objects:
+            if METRES in obj:
+                del obj[METRES]
+        bpy.ops.wm.save_mainfile()
+        bpy.ops.wm.read_factory_settings(use_empty=True)
+    timers: list = []
+    monkeypatch.setattr(bpy.app.timers, "register", lambda function, **_: timers.append(function))
+    found = []
+    for unit in (1.0, 0.01):
+        scene = bpy.data.scenes.new("Shot")
+        bpy.context.window.scene = scene
+        scene.unit_settings.scale_length, scene.render.fps, scene.use_gravity = unit, 24, False
+        scene.cursor.location = (1.0 / unit, 0.0, 0.0)
+        if how == "added":
+            bpy.ops.seeing_wind.add_wind(wind="Light Breeze", calibrate=False)
+            field = bpy.context.active_object
+        else:
+            bpy.ops.wm.append(directory=f"{library / shelf.BLEND}/Object/", filename="Light Breeze")
+            field = next(obj for obj in scene.objects if KIND in obj)
+            field.location.x = 1.0 / unit
+            bpy.context.view_layer.update()
+            timers[-1]()
+        assert said_of_units(field, scene) == "" and samples_of(field).parent == field
+        values, arrows = read_samples(samples_of(field)), arrows_of(field, scene)
+        found.append({
+            "box": unit * np.array([vertex.co for vertex in field.data.vertices]), "place": unit * np.array(field.location),
+            "arrows": unit * arrows_seen(field, 4),
+            "nodes": unit * values.points, "wind": unit * values.velocity, "force": unit * values.force,
+            "sure": values.confidence, "peak": arrows["seeing_wind_peak"], "felt": unit * felt(field, 3),
+            "pushed": unit * pushed(scene, field, unit),
+        })  # fmt: skip
+    for name, in_metres in found[0].items():
+        np.testing.assert_allclose(found[1][name], in_metres, rtol=1e-3, atol=1e-5, err_msg=name)
+    assert found[0]["felt"] == pytest.approx(SPEEDS[1]) and found[0]["pushed"] > 0.01
+
+
+def pushed(scene: bpy.types.Scene, field: bpy.types.Object, unit: float) -> float:
+    """Speed along X [scene units/s] of a calibrated particle that was let go in the middle of a wind, after two frames."""
+    mesh = bpy.data.meshes.new("Dust")
+    mesh.from_pydata([(0.0, 0.0, 0.0)], [], [])
+    dust = bpy.data.objects.new("Dust", mesh)
+    scene.collection.objects.link(dust)
+    dust.location = field.location
+    settings = dust.modifiers.new("Dust", "PARTICLE_SYSTEM").particle_system.settings
+    settings.count, settings.emit_from, settings.frame_start, settings.frame_end, settings.normal_factor = 1, "VERT", 1, 1, 0.0
+    settings.particle_size = 0.01 / unit
+    bpy.ops.seeing_wind.calibrate(object=dust.name, field=field.name)
+    for frame in (1, 2, 3):
+        scene.frame_set(frame)
+    return dust.evaluated_get(bpy.context.evaluated_depsgraph_get()).particle_systems[0].particles[0].velocity[0]
 
 
 def test_assets_have_catalogs_tags_previews_and_the_browser_lists_them(library) -> None:

@@ -60,7 +60,8 @@ def mend(scene: bpy.types.Scene) -> None:
 
 def _mend_all() -> float | None:
     """Timer: mend every scene once the operator that made the copies has ended. Returns seconds to wait while a transform still runs."""
-    from .arrows import show_arrows  # needs NumPy
+    from ..field_object import convert_unit  # need NumPy
+    from .arrows import show_arrows
 
     windows = bpy.context.window_manager.windows
     if any(operator.bl_idname.startswith("TRANSFORM_") for window in windows for operator in window.modal_operators):
@@ -68,6 +69,7 @@ def _mend_all() -> float | None:
     for scene in bpy.data.scenes:
         mend(scene)
         for field in [obj for obj in scene.objects if lacks_arrows(obj)] if scene.library is None else ():
+            convert_unit(field, scene)
             show_arrows(scene, field)
     return None
 

@@ -45,12 +45,13 @@ def entries(shelf: Path) -> tuple[Entry, ...]:
 
 
 def take_down(scene: bpy.types.Scene, collection: bpy.types.Collection, shelf: Path, name: str) -> bpy.types.Object:
-    """Append a wind to a scene. It begins with the scene and plays at its own speed, whatever the frame rate.
+    """Append a wind to a scene. It begins with the scene and plays at its own speed, whatever the frame rate and the unit of length.
 
     Raises:
         UsageError: when the shelf has no such wind.
     """
-    from ..conform import begin_at, set_stride  # need NumPy, as does the next
+    from ..conform import begin_at, set_stride  # need NumPy, as do the next two
+    from ..field_object import convert_unit
     from .arrows import show_arrows
 
     path = shelf / BLEND
@@ -63,6 +64,7 @@ def take_down(scene: bpy.types.Scene, collection: bpy.types.Collection, shelf: P
     field = wanted.objects[0]
     field.asset_clear()
     collection.objects.link(field)
+    convert_unit(field, scene)
     begin_at(field, scene.frame_start)
     show_arrows(scene, field)
     set_stride(field, frames_per_second(scene) / field["seeing_wind_fps"])
