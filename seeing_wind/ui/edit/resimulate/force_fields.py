@@ -65,8 +65,10 @@ def left_out(scene: bpy.types.Scene) -> list[str]:
 def _other_winds(seen: list[bpy.types.Object], felt: bpy.types.Object | None) -> list[str]:
     """A message that the bodies move in one wind only, if the scene's solvers feel others as well."""
     others = sorted(obj.name for obj in seen if is_field(obj) and obj != felt)
-    where = felt.name if felt is not None else "the recovered wind"
-    return [f"The bodies move in {where} alone: {', '.join(others)} {'are' if len(others) > 1 else 'is'} left out"] if others else []
+    if not others:
+        return []
+    where, left = felt.name if felt is not None else "the recovered wind", "are" if len(others) > 1 else "is"
+    return [f"The bodies move in {where} alone, as a re-simulation takes one recovered field: {', '.join(others)} {left} left out"]
 
 
 def _has_forces(settings: bpy.types.ParticleSettings) -> bool:
