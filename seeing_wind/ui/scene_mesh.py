@@ -109,7 +109,7 @@ def refuse_no_sheet(obj: bpy.types.Object, vertices: np.ndarray, triangles: np.n
     if loose:
         raise UsageError(
             f"{name_of(obj)} has {loose} loose {'vertex' if loose == 1 else 'vertices'}, of no face, and cannot be a sheet.",
-            "Delete them in Edit Mode (Mesh > Clean Up > Delete Loose).",
+            "Delete loose vertices in Edit Mode (Mesh > Clean Up > Delete Loose).",
         )
     if branching:
         raise UsageError(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from array import array
+import hashlib
 from pathlib import Path
 
 import bpy
@@ -10,7 +10,6 @@ import numpy as np
 
 from ....engine.errors import ObjectError
 from ....engine.take import Take
-from ...job.status import digest_of
 from .camera import SPARE
 from .clips import first_clip_frame, loaded_clip, marker_frame
 
@@ -55,11 +54,13 @@ def tracks_stamp(clip: bpy.types.MovieClip) -> tuple:
 
 
 def _markers(markers: bpy.types.bpy_prop_collection, place: str, count: int) -> str:
-    """Digest of frame, mute and place (`count` numbers) of all markers of a track."""
-    parts = [array("i", bytes(4 * len(markers))), array("b", bytes(len(markers))), array("f", bytes(4 * count * len(markers)))]
-    for name, values in zip(("frame", "mute", place), parts, strict=True):
+    """Digest of frame, mute and place (`count` numbers) of all markers of a track; quick, as it is needed after every change."""
+    total, found = len(markers), hashlib.sha256()
+    for name, kind, numbers in (("frame", np.int32, 1), ("mute", np.bool_, 1), (place, np.float32, count)):
+        values = np.empty(numbers * total, dtype=kind)
         markers.foreach_get(name, values)
-    return digest_of(*(values.tolist() for values in parts))
+        found.update(values.tobytes())
+    return found.hexdigest()[:16]
 
 
 def plane_corners(clip: bpy.types.MovieClip, plane: bpy.types.MovieTrackingPlaneTrack, clip_frame: int) -> np.ndarray | None:
