@@ -10,6 +10,8 @@ import bpy
 
 PLACE = ("location", "rotation", "scale", "delta_")
 """Beginnings of the data paths that move an object."""
+BEZIER, AUTOMATIC = 2, {1, 4}
+"""Blender's numbers for Bézier interpolation, and for handles that it places by itself."""
 PASSING = {"name", "active", "show_expanded"}
 """Properties of a constraint that do not change what it does."""
 
@@ -56,14 +58,35 @@ def make_linear(datablock: bpy.types.ID, paths: Iterable[str]) -> None:
             curve.update()
 
 
-def keyframes(datablock: bpy.types.ID) -> list[tuple[str, int, tuple[float, ...]]]:
-    """All keyframes of a datablock as plain values for a digest: data path, array index, and frames and values in turn."""
+def keyframes(datablock: bpy.types.ID) -> list[tuple[str, int, tuple]]:
+    """All keyframes of a datablock as plain values for a digest: data path, array index, and frames and values in turn, followed by what
+    else shapes the curve if that is not Blender's default."""
     found = []
     for curve in curves_of(datablock):
-        flat = array("f", bytes(8 * len(curve.keyframe_points)))
-        curve.keyframe_points.foreach_get("co", flat)
-        found.append((curve.data_path, curve.array_index, tuple(round(value, 5) for value in flat)))
+        places = _of_keys(curve, "co", "f", 2)
+        found.append((curve.data_path, curve.array_index, tuple(round(value, 5) for value in places) + _shape_of(curve)))
     return found
+
+
+def _shape_of(curve: bpy.types.FCurve) -> tuple:
+    """Interpolation, handles, extrapolation, modifiers and mute of an animation curve; empty if all are as for a key just inserted."""
+    kinds = [_of_keys(curve, name, "i", 1) for name in ("interpolation", "handle_left_type", "handle_right_type")]
+    plain = set(kinds[0]) <= {BEZIER} and set(kinds[1]) | set(kinds[2]) <= AUTOMATIC and curve.extrapolation == "CONSTANT"
+    if plain and not curve.mute and not len(curve.modifiers):
+        return ()
+    handles = [
+        round(value, 5) for name, types in (("handle_left", kinds[1]), ("handle_right", kinds[2]))
+        for at, value in enumerate(_of_keys(curve, name, "f", 2)) if types[at // 2] not in AUTOMATIC
+    ]  # fmt: skip
+    modifiers = [(each.type, each.mute, each.influence) for each in curve.modifiers]
+    return (*map(tuple, kinds), tuple(handles), curve.extrapolation, curve.mute, *modifiers)
+
+
+def _of_keys(curve: bpy.types.FCurve, name: str, kind: str, count: int) -> array:
+    """A property of all keyframes of a curve: `count` numbers each, of the array type `kind`."""
+    flat = array(kind, bytes(4 * count * len(curve.keyframe_points)))
+    curve.keyframe_points.foreach_get(name, flat)
+    return flat
 
 
 def set_frame(scene: bpy.types.Scene, frame: float) -> None:
@@ -126,7 +149,7 @@ def _plain(value: Any) -> Any:
     return [_plain(each) for each in (sorted(value) if isinstance(value, set) else value)]
 
 
-def keys_of_place(obj: bpy.types.Object) -> list[tuple[str, int, tuple[float, ...]]]:
+def keys_of_place(obj: bpy.types.Object) -> list[tuple[str, int, tuple]]:
     """The keyframes that move an object."""
     return [curve for curve in keyframes(obj) if curve[0].startswith(PLACE)]
 

@@ -8,6 +8,7 @@ import bpy
 import pytest
 from mathutils import Matrix
 
+from seeing_wind.ui.bake.animation import curves_of
 from seeing_wind.ui.clip.clip_scene import setup_clip_scene
 from seeing_wind.ui.clip.inputs.clips import loaded_clip
 from seeing_wind.ui.clip.inputs.scene_inputs import scene_inputs
@@ -161,6 +162,8 @@ def moving_rig(settings) -> None:
         seen.constraints[0].keyframe_insert("influence", frame=frame)
     turn = seen.parent.driver_add("rotation_euler", 2).driver
     turn.expression = "0.01 * frame"
+    key = curves_of(target)[0].keyframe_points[1]
+    key.handle_left_type, key.handle_left, key.interpolation = "FREE", (8.0, 0.3), "BEZIER"
     seen.data.lens = 30.0
     seen.data.keyframe_insert("lens", frame=1)
     seen.data.lens = 40.0
@@ -197,6 +200,22 @@ def test_neither_frames_nor_saving_nor_names_ask_for_another_recovery(settings, 
     for frame in (1, 5):
         scene.frame_set(frame)
         assert RecoverRequest.of(scene).digest() == before
+
+
+@pytest.mark.parametrize("act", ["interpolation", "handle", "extrapolation", "mute", "modifier"])
+def test_what_shapes_a_curve_between_its_keys_counts(settings, act) -> None:
+    moving_rig(settings)
+    curve = curves_of(bpy.context.scene.camera.parent)[0]
+    key = curve.keyframe_points[0]
+    acts = {
+        "interpolation": lambda: setattr(key, "interpolation", "LINEAR"),
+        "extrapolation": lambda: setattr(curve, "extrapolation", "LINEAR"),
+        "handle": lambda: setattr(key, "handle_right_type", "FREE"), "mute": lambda: setattr(curve, "mute", True),
+        "modifier": lambda: curve.modifiers.new("NOISE"),
+    }  # fmt: skip
+    assert change(stamps(), acts[act])
+    if act == "handle":
+        assert change(stamps(), lambda: setattr(key, "handle_right", (4.0, 2.0)))
 
 
 def test_an_unkeyed_turn_of_a_keyed_rig_counts(settings) -> None:
