@@ -11,7 +11,7 @@ cache       ... as a point cache beside the file
 smooth      removes ripples as short as an edge from a motion
 plan        how to bake a motion, the mark that records how an object was baked, and motion left by removed bodies; no NumPy
 at_rest     an object without its bake, and whether its own modifiers deform it over time
-animation   animation curves, the same way in Blender 4 and 5; no NumPy
+animation   animation curves, the same way in Blender 4 and 5, and where objects stand, for digests; no NumPy
 
 It is beside `edit`, not in it: the recovered object is baked too, and every room that reads meshes or keyframes of the scene imports it.
 """
