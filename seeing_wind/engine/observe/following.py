@@ -46,6 +46,9 @@ class Tracks:
     sigma: np.ndarray
     on_centroid: np.ndarray
     recognised: Recognised | None = None
+    corners: np.ndarray | None = None
+    """(T+1, C) bool: where the tracks come from a file or a network, in which frames corners of the object in frame 0 are followed all the
+    same, to see whether its outline can be relied on."""
 
 
 def follow(clip: Clip, outline: Outline, lens: Lens, progress: Progress, journal: Journal) -> tuple[Masks, Tracks]:
@@ -62,9 +65,9 @@ def follow(clip: Clip, outline: Outline, lens: Lens, progress: Progress, journal
         given = (lens.straight_points(xy), visible, sigma)
     elif settings.track_model:
         given = network_tracks(settings.track_model, frames, mask, progress)
-    corners = find_corners(frames[0], mask) if given is None else np.zeros((0, 2))
+    corners = find_corners(frames[0], mask)
     # A body of a few patches or corners is followed by its silhouette once they are lost: new corners would be as few.
-    reseed = len(corners) >= ENOUGH and int(mask.sum()) >= FEW_PATCHES
+    reseed = given is None and len(corners) >= ENOUGH and int(mask.sum()) >= FEW_PATCHES
     points = Generations(frames[0], mask, corners, reseed=reseed)
     if settings.mask_model:
         outlines = journal.once("masks", Masks, lambda: network_masks(settings.mask_model or "", frames, mask, progress.part(0.1, 0.7)))
@@ -76,7 +79,7 @@ def follow(clip: Clip, outline: Outline, lens: Lens, progress: Progress, journal
     masks = follow_clip(frames.__getitem__, len(frames), follower, progress.part(0.3, 0.9), journal.loop("follow"), points)
     _tell_lost(areas(masks) > 0, progress)
     if given is not None:
-        return masks, Tracks(*given, np.zeros(given[0].shape[1], bool))
+        return masks, Tracks(*given, np.zeros(given[0].shape[1], bool), corners=points.tracks()[1])
     found = _tracks_of(points, len(corners), frames, masks, outline.known.still, progress)
     if settings.recognise and len(corners) >= ENOUGH and not found.on_centroid.all() and are_lost(found.visible):
         found = replace(found, recognised=recognise(frames, masks, progress.part(0.9, 0.95)))

@@ -28,6 +28,7 @@ from .mask.first_mask import read_mask
 from .networks import check_networks
 from .outline import find_outline
 from .steady import Steady, steady_clip
+from .tracks.outside import outside
 from .working_size import WorkingSize, working_scale
 
 HUGE = 50.0
@@ -103,16 +104,26 @@ def _seen(
     doubts = [*steady.doubts, *outline.doubts, *(steady.asked.result() if steady.asked is not None else ())]
     if outline.known.still is not None:
         doubts += [one for one in (touching(clip.frames, masks, outline.known.still),) if one is not None]
-    for one in doubts:
-        progress.warn(str(one))
-    progress.update(0.95, "background")
-    background = bare.result()
     xy, recognised, camera = tracks.xy, tracks.recognised, lens.camera
     if steady.turns is not None:
         steady_xy, masks, recognised = as_filmed(xy, masks, recognised, steady.turns, camera)
         # Tracks from a file are in the filmed pixels already.
         xy = steady_xy if settings.tracks is None else xy
         camera = turning(camera, steady.turns)
+    visible = tracks.visible
+    if tracks.corners is not None:
+        name = Path(settings.tracks or settings.track_model or "").name
+        compared = outside(xy, visible, tracks.sigma, masks, tracks.corners)
+        visible = compared.visible(visible)
+        doubt, note = compared.doubt(name, len(masks)), compared.note(name, len(masks))
+        if doubt is not None:
+            doubts.append(doubt)
+        elif note:
+            progress.warn(note)
+    for one in doubts:
+        progress.warn(str(one))
+    progress.update(0.95, "background")
+    background = bare.result()
     progress.update(1.0, f"{len(tracks.on_centroid)} tracks")
     return Observation(
         clip=clip.path,
@@ -125,7 +136,7 @@ def _seen(
         depth=depth,
         pin=pin,
         xy=xy,
-        visible=tracks.visible,
+        visible=visible,
         sigma=tracks.sigma,
         on_centroid=tracks.on_centroid,
         doubts=Doubts.of(doubts),
