@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -16,7 +17,7 @@ import numpy as np
 from ..errors import UsageError
 from ..mpm.model import Model
 from ..mpm.state import Trajectory
-from ..progress import Journal, Progress
+from ..progress import Journal, Progress, in_words
 from ..records import Material, Outcome, Particles, Recovery
 from ..settings import RecoverSettings
 from .blocks import blocks, most_modes
@@ -38,6 +39,7 @@ from .prior.kernel import knots_for_variance, steady_part
 from .prior.learning import Expected
 from .solve.block import BlockSolver
 from .solve.constants import PACE
+from .solve.first_field import FINELY, Pace
 from .solve.onward import Onward
 from .solve.section import section_axes
 from .solve.stiffness import Stiffness, covariance_with, remark, stiffer, youngs_modulus
@@ -88,6 +90,16 @@ class Kept:
     """What the next block takes over."""
 
 
+Foresee = Callable[[int, int], float | None]
+"""Function from the number of blocks that need denser knots, and of those that are followed again finely, to the duration of the whole
+solve [s]; None if it cannot be estimated."""
+
+
+def unforeseen(densely: int, finely: int) -> float | None:
+    """The `Foresee` where there is no estimate."""
+    return None
+
+
 @dataclass
 class Clip:
     """A clip with its body, targets and settings, from which a recovery is made."""
@@ -104,6 +116,7 @@ class Clip:
     """Free until a block has determined it."""
     still: np.ndarray
     """(T,) bool: frames without a force."""
+    foresee: Foresee = unforeseen
 
     def solve_blocks(self) -> list[Kept]:
         """Solve the blocks one after the other."""
@@ -112,7 +125,7 @@ class Clip:
         expected = self._expected(len(basis.degree))
         kept: list[Kept] = []
         cuts = blocks(self.objective.frames)
-        done = 0.0
+        done, densely, finely = 0.0, set[int](), set[int]()
         while len(kept) < len(cuts):
             part = len(kept)
             begin, end = cuts[part]
@@ -125,13 +138,23 @@ class Clip:
                 figures: dict[str, Any] = {"residual": float(f"{residual:.3g}"), "residual_unit": self.objective.unit} if known else {}
                 self.progress.update(at + share * fraction, what + where, **figures)
 
+            def lost(fraction: float, pace: Pace, part: int = part, at: float = done, share: float = share) -> None:
+                if pace is FINELY:
+                    finely.add(part)
+                else:  # the later blocks begin with knots as dense
+                    densely.update(range(part, len(cuts)))
+                seconds = self.foresee(len(densely), len(finely))
+                if seconds is not None:
+                    what = f"The object strays and is sought again: about {in_words(seconds)} in all on this machine"
+                    self.progress.update(at + share * fraction, what, expected_seconds=seconds)
+
             start = kept[-1].trajectory.state(-1) if kept else None
             springy = not self.model.plastic and not self.stiffness.free
             before = kept[-1].onward if kept and springy and self.settings.iterations > 1 else None  # continuing takes two
             solver = BlockSolver(
                 self.particles, self.model.from_frame(begin), self.objective.between(begin, end), basis, expected, start,
                 self.settings.iterations, self.progress, tell, self.still[begin:end], self._steady(kept), self.stiffness, before=before,
-                journal=self.journal,
+                journal=self.journal, lost=lost,
             )  # fmt: skip
             frames = cuts[part + 1][0] - begin if part + 1 < len(cuts) else end - begin
             found = self.journal.once("block", Kept, partial(_solved, solver, frames), begin, end, start, self.stiffness)
@@ -301,5 +324,5 @@ def _solved(solver: BlockSolver, frames: int) -> Kept:
         found.forward.knots.spacing,
         found.stiffness,
         found.wild[:frames],
-        Onward(found.prior.kernel, knot, found.forward.per_frame(found.last.theta)[frames:], found.misfit),
+        Onward(found.prior.kernel, knot, found.forward.per_frame(found.last.theta)[frames:], found.misfit, found.densely),
     )

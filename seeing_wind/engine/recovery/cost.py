@@ -5,8 +5,9 @@
 A *copy* is one of several simulations run together; a *base* is a simulation that is kept and linearised so that tangents can be carried
 along it; a *change* is one such tangent. c, b and d [s] are measured by a short run of the kernels and stored beside these. The counts are
 estimated from the schedule of the solve (`solve.block`, `solve.first_field`, `solve.onward`) and from what a block usually needs (`Usual`).
-Few clips need much more. But a body that strays and is followed again takes several times as long, and a force that needs a knot in every
-frame up to twice as long, and neither can be foreseen.
+Few clips need much more. But a body that strays and is sought again takes several times as long, and a force that needs a knot in every
+frame up to twice as long. Neither can be foreseen; once a body has strayed, the estimate is made again with what that adds (`DENSELY`,
+`FINELY`).
 
 The estimate does not need the solver, so that a preview can state it, too.
 """
@@ -77,6 +78,12 @@ ONWARD = Usual(copies=8.0, coarse=0.0, fine=2.0)
 """A later block of a body that does not flow."""
 
 
+DENSELY = Usual(copies=30.0, coarse=3.0, fine=2.0)
+"""What a block needs in addition if a free body strays and is found with denser knots: its force then needs all modes, too."""
+FINELY = Usual(copies=60.0, coarse=0.0, fine=6.0)
+"""What a block needs in addition if the body is followed again finely."""
+
+
 @dataclass(frozen=True)
 class Work:
     """The expected work of a solve, in particles times substeps."""
@@ -92,12 +99,22 @@ class Work:
         return OTHER * (self.copies * speed.copy + self.bases * speed.base + self.changes * speed.change)
 
 
-def work_of(particles: Particles, material: Material, fps: float, frames: int, points: int, settings: RecoverSettings) -> Work | None:
+def work_of(
+    particles: Particles,
+    material: Material,
+    fps: float,
+    frames: int,
+    points: int,
+    settings: RecoverSettings,
+    densely: int = 0,
+    finely: int = 0,
+) -> Work | None:
     """The expected work of a solve; None for the paper's schedule, for which there is no estimate, and for a body that is held entirely.
 
     Args:
         frames: number of intervals T.
         points: number of points that are followed; a body that is seen as one point has a uniform force.
+        densely, finely: numbers of blocks in which the body strays, and is found with denser knots or followed again finely.
     """
     if settings.schedule == "paper" or particles.pinned.all():
         return None
@@ -106,33 +123,46 @@ def work_of(particles: Particles, material: Material, fps: float, frames: int, p
     few = int(np.count_nonzero(basis.degree <= 2))
     # How many modes a force requires is learnt from the clip; a force that bends a held body requires most of them.
     worth = round(math.sqrt(few * len(basis.degree))) if held else few
-    each = float(len(particles.x) * substeps_of(particles, material, fps))
+    each, cuts = float(len(particles.x) * substeps_of(particles, material, fps)), blocks(frames)
     work = np.zeros(3)
-    for number, (begin, end) in enumerate(blocks(frames)):
+    for number, (begin, end) in enumerate(cuts):
         usual = FLOWING if plastic else HELD if held else FREE
         if not plastic and number and settings.iterations > 1:
             usual = ONWARD
         work += each * _block(usual, end - begin, 0 if number else 6, few, worth, settings.iterations)
+    length, every = sum(end - begin for begin, end in cuts) / len(cuts), len(basis.degree)
+    for times, usual in ((densely, DENSELY), (finely, FINELY)):
+        work += times * each * _again(usual, length, few if usual is DENSELY else every, every, settings.iterations)
     copies, bases, changes = work.tolist()
     return Work(copies, bases, changes, plastic)
 
 
 def _block(usual: Usual, frames: int, start: int, few: int, worth: int, iterations: int) -> np.ndarray:
-    """(3,) copies, bases and changes of a block, each times frames of the fine model; `start`: number of unknowns of the initial motion.
+    """(3,) copies, bases and changes of a block, each times frames of the fine model; `start`: number of unknowns of the initial motion."""
+    ahead = frames / PACE.hop * PACE.horizon + PACE.first_horizon * PACE.first_horizon_steps
+    work = _solves(usual, frames, start, (few, frames / 4.0 + 1.0), (worth, frames / PACE.knot + 1.0), iterations)
+    return work + PACE.rough * np.array([0.0, ahead, ahead * (3 * min(few, 4) + start)])
+
+
+def _again(usual: Usual, frames: float, few: int, every: int, iterations: int) -> np.ndarray:
+    """(3,) as `_block`: what is added where a body strays; its force changes so fast that it gets a knot in every frame in the end."""
+    return _solves(usual, frames, 0, (few, frames / PACE.knot + 1.0), (every, frames + 1.0), iterations)
+
+
+def _solves(
+    usual: Usual, frames: float, start: int, coarse: tuple[int, float], fine: tuple[int, float], iterations: int
+) -> np.ndarray:
+    """(3,) copies, bases and changes of the solves of a block, with so many modes and knots in the coarse and the fine ones.
 
     Derivatives are those of the rough model. A change costs nothing before its knot, and so counts for half of the frames on average; many
     changes are replaced by fewer columns.
     """
-    coarse, fine = min(usual.coarse, iterations), min(usual.fine, max(iterations - 1, 0))
-    ahead = frames / PACE.hop * PACE.horizon + PACE.first_horizon * PACE.first_horizon_steps
-    bases = ahead + frames * (coarse + fine)
+    often = min(usual.coarse, iterations), min(usual.fine, max(iterations - 1, 0))
     carried = sum(
-        times * min(0.5 * (3 * modes * knots + start), COLUMNS * 3 * modes)
-        for times, modes, knots in ((coarse, few, frames / 4.0 + 1.0), (fine, worth, frames / PACE.knot + 1.0))
+        times * min(0.5 * (3 * modes * knots + start), COLUMNS * 3 * modes) for times, (modes, knots) in zip(often, (coarse, fine))
     )
-    changes = ahead * (3 * min(few, 4) + start) + frames * carried
-    share = min(1.0, (coarse + fine) / (usual.coarse + usual.fine))
-    return np.array([share * usual.copies * frames, PACE.rough * bases, PACE.rough * changes])
+    share = min(1.0, sum(often) / (usual.coarse + usual.fine))
+    return frames * np.array([share * usual.copies, PACE.rough * sum(often), PACE.rough * carried])
 
 
 def _modes(particles: Particles, points: int) -> SpatialBasis:

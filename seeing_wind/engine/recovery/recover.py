@@ -20,7 +20,7 @@ from ..mpm.model_for import model_for
 from ..progress import Journal, Progress
 from ..records import Material, Particles, PointTargets, Recovery, TrackTargets
 from ..settings import RecoverSettings
-from .clip import Clip, still_frames
+from .clip import Clip, Foresee, still_frames, unforeseen
 from .diagnostics.remarks import BORNE, DRAFT, moving_clamp_remark, ringing_remarks
 from .solve.constants import PACE
 from .solve.known_body import KnownBody
@@ -44,6 +44,7 @@ def recover(
     progress: Progress,
     journal: Journal = Journal(),
     known: KnownBody | None = None,
+    foresee: Foresee = unforeseen,
 ) -> Recovery:
     """Find the force density that makes the simulated body move as observed.
 
@@ -53,6 +54,7 @@ def recover(
         fps: frames per second.
         journal: keeps intermediate results; its stamp must depend on all other arguments.
         known: stiffness and clamp of the body from another clip.
+        foresee: the duration of the solve, told again where the body strays.
 
     Returns:
         The force density on the particles per frame, its posterior deviation, and the simulated motion; notes name what is poorly known.
@@ -89,7 +91,7 @@ def recover(
     still, said = _still(particles, sources, settings, plastic)
     notes += said
     believed = _stiffness(particles, model, channels, settings, known)
-    clip = Clip(particles, model, objective, fps, settings, progress, journal, notes + model_notes, believed, still)
+    clip = Clip(particles, model, objective, fps, settings, progress, journal, notes + model_notes, believed, still, foresee)
     views = len(sources) if isinstance(sources[0], TrackTargets) else 0
     kept = clip.solve_blocks()
     if clip.stiffness.known and clip.stiffness.s < 0.0:  # the notes so far are about a body as stiff as the given material

@@ -19,6 +19,7 @@ from ..record_arrays import TRAJECTORY, read_recovery, recovery_of, to_arrays
 from ..records import Material, Outcome, Particles, PointTargets, Recovery, TrackTargets
 from ..settings import RecoverSettings, to_mapping
 from ..take import VERSION, Take, require_take, stamp_of
+from .clip import Foresee, unforeseen
 from .cost import measure_speed, points_in, work_of
 from .journal import TakeJournal
 from .recover import check_body, recover, refinement
@@ -75,14 +76,17 @@ def recover_stage(
     recovery = take.kept("solve", solved, lambda: _read_solve(take), progress)
     if recovery is None:
         progress.begin("recover", "recovering the force")
-        expected = _foretell(particles, material, targets, fps, settings, progress)
+        foresee = _foreseen(particles, material, targets, fps, settings)
+        if (whole := foresee(0, 0)) is not None:
+            expected["recover"] = whole
+            progress.update(0.0, f"recovering the force, about {in_words(whole)} on this machine", expected_seconds=whole)
         started = time.perf_counter()
         with TakeJournal(take, solved, progress) as journal:
             if settings.schedule == "paper":
                 made = loss() if loss is not None else None
                 recovery = recover_by_descent(particles, material, targets, fps, settings, progress, made, journal)
             else:
-                recovery = recover(particles, material, targets, fps, settings, progress, journal, known)
+                recovery = recover(particles, material, targets, fps, settings, progress, journal, known, foresee)
             seconds["recover"] = time.perf_counter() - started
             if recovery.outcome == Outcome.DIVERGED:
                 return recovery, None, seconds, expected
@@ -108,27 +112,26 @@ def _publish(take: Take, field: ForceField) -> None:
     systems.replace(take.file(FITTED), take.file("field.safetensors"))
 
 
-def _foretell(
-    particles: Particles,
-    material: Material,
-    targets: PointTargets | list[TrackTargets],
-    fps: float,
-    settings: RecoverSettings,
-    progress: Progress,
-) -> dict[str, float]:
-    """Report how long the solve will take on this machine; returns the seconds by the stage's name, empty if there is no estimate."""
+def _foreseen(
+    particles: Particles, material: Material, targets: PointTargets | list[TrackTargets], fps: float, settings: RecoverSettings
+) -> Foresee:
+    """How long the solve will take on this machine."""
     check_body(particles, fps)
-    frames = len(targets.visible if isinstance(targets, PointTargets) else targets[0].visible) - 1
-    work = work_of(particles, material, fps, frames, points_in(targets), settings)
+    frames, points = len(targets.visible if isinstance(targets, PointTargets) else targets[0].visible) - 1, points_in(targets)
+    work = work_of(particles, material, fps, frames, points, settings)
     if work is None:
-        return {}
+        return unforeseen
+    speed, times = measure_speed(work.plastic), 1.0
     if isinstance(targets, PointTargets) and particles.pinned.any() and not work.plastic:
         dx = LIMITS.cell_spacings * particles.spacing
         times = refinement(targets, dx, 1.0 / fps, substeps_of(particles, material, fps))
-        work = dataclasses.replace(work, copies=times * work.copies)  # copies only: tangents are carried along the rough model
-    seconds = work.seconds(measure_speed(work.plastic))
-    progress.update(0.0, f"recovering the force, about {in_words(seconds)} on this machine", expected_seconds=seconds)
-    return {"recover": seconds}
+
+    def foresee(densely: int, finely: int) -> float | None:
+        whole = work_of(particles, material, fps, frames, points, settings, densely, finely)
+        # Finer copies only: tangents are carried along the rough model.
+        return None if whole is None else dataclasses.replace(whole, copies=times * whole.copies).seconds(speed)
+
+    return foresee
 
 
 def known_body(folder: str) -> KnownBody:

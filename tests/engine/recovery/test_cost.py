@@ -63,6 +63,18 @@ def test_what_is_looked_for_counts() -> None:
     assert seconds(material=CLAY, frames=88) > 2.4 * seconds(material=CLAY, frames=32), "where the body does not flow"
 
 
+def test_a_body_that_strays_takes_longer_for_each_block_in_which_it_does() -> None:
+    def work(*strayed: int) -> float:
+        found = work_of(plate(), RUBBER, FPS, 88, 40, RecoverSettings(), *strayed)
+        assert found is not None
+        return found.seconds(SPEED)
+
+    assert work(0, 0) == seconds(frames=88)
+    one, all_four, finely = work(1, 0), work(4, 0), work(1, 1)
+    assert one - work(0, 0) == pytest.approx(0.25 * (all_four - work(0, 0))) and one > 1.1 * work(0, 0)
+    assert finely - one > one - work(0, 0), "following it again costs more than denser knots"
+
+
 def test_nothing_is_said_of_what_nobody_has_measured() -> None:
     assert work_of(plate(), RUBBER, FPS, 24, 40, RecoverSettings(schedule="paper")) is None
 

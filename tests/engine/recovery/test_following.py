@@ -145,7 +145,7 @@ def test_points_are_lost_where_the_solution_is_far_worse_than_what_the_look_ahea
 
     def off(misfit: float, led: float) -> float:
         white = misfit * np.ones(objective.whiten(objective.residual(still[None])).shape[1]) * objective.used.T.ravel()
-        return strayed(solver, SimpleNamespace(misfit=led), SimpleNamespace(residual=white))
+        return strayed(solver, led, SimpleNamespace(residual=white))
 
     assert off(40.0, 20.0) > 1.0 > off(10.0, 9.0)
     assert off(2.0, 0.1) < 1.0 < off(4.0, 0.1)  # within the noise it is no matter
@@ -269,3 +269,27 @@ def test_a_light_card_that_flutters_is_turned_and_not_squeezed(monkeypatch):
     led = warm_start.warm_start(forward, objective.between(0, 22), np.full(3, 12.5), np.full(6, 0.3), None, 0, 11, None)
     assert np.linalg.norm(led.path.x - x[:12], axis=2).mean(axis=1).max() < 1.5 * SPACING
     assert np.abs(led.coefficients).max() < 1.5 * np.linalg.norm(push, axis=2).max()
+
+
+def test_a_free_body_that_moves_faster_than_sparse_knots_is_found_with_denser_ones(monkeypatch):
+    body, paces, told = plate((4, 3, 2)), [], []
+
+    def shaken(X, t):
+        return np.zeros_like(X) + np.array([22.0, 0.0, 15.4]) * np.sin(2.0 * np.pi * (t + 1.0) / 7.3)
+
+    x, wind = blow(body, shaken, 16)
+    follow = block.follow
+    monkeypatch.setattr(block, "follow", lambda solver, pace, share: paces.append(pace) or follow(solver, pace, share))
+
+    class Listener(NoProgress):
+        def update(self, fraction, message="", **figures):
+            told.append((fraction, message, figures))
+
+    settings = replace(WEIGHTLESS, stiffness="given")
+    found = recover(body, RUBBER, [tracks(body, x, noise=0.05)], FPS, settings, Listener(), foresee=lambda densely, finely: 10.0 + densely)
+    assert paces == [block.USUAL], "it need not be followed again"
+    assert np.median(found.residual) < 0.2 and relative(found.force_density / RUBBER.density, wind) < 0.08
+    fractions = [fraction for fraction, *_ in told]
+    assert fractions == sorted(fractions)
+    (again,) = [(message, figures) for _, message, figures in told if "expected_seconds" in figures]
+    assert "strays" in again[0] and "10 seconds in all" in again[0] and again[1]["expected_seconds"] == 11.0

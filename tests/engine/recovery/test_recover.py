@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from seeing_wind.engine.conventions import distrusted
+from seeing_wind.engine.conventions import UNHELD, distrusted
 from seeing_wind.engine.errors import ObjectError, UsageError
 from seeing_wind.engine.field.confidence import confidence_map
 from seeing_wind.engine.progress import Cancelled, NoProgress, Progress
 from seeing_wind.engine.records import Attachment, Outcome, Particles, PointTargets, TrackTargets
 from seeing_wind.engine.recovery.blocks import blocks
-from seeing_wind.engine.recovery.diagnostics.missed import far_off, free_fall
-from seeing_wind.engine.recovery.diagnostics.remarks import DRAFT
+from seeing_wind.engine.recovery.diagnostics.missed import far_off, free_fall, verdict
+from seeing_wind.engine.recovery.diagnostics.remarks import DRAFT, worst_first
 from seeing_wind.engine.recovery.recover import recover
 from seeing_wind.engine.recovery.solve.constants import PACE
 from seeing_wind.engine.recovery.targets.objective import Objective
@@ -259,6 +259,25 @@ def test_tracks_that_are_missed_by_much_of_their_way_are_told():
     (note,) = told(way=0.02, off=2.0)
     assert "of the motion that a force has to explain" in note and distrusted([note]) == [note]
     assert told(way=0.002, off=2.0) == [], "of a body that stays there is another note"
+
+
+def test_a_free_body_that_is_followed_only_roughly_is_told_first():
+    """Like a flower whose head was seen to shear: 4.6 px off, hardly a hundredth of its size, and not quite a tenth of its motion."""
+    body = plate((20, 2, 20))  # 250 px across
+
+    def told(off: float, way: float = 0.15) -> list[str]:
+        x = np.stack([body.x + [way * t / 8, 0.0, 0.0] for t in range(9)])
+        seen = seen_in_pixels(body, x)
+        seen.targets.xy[1:, :, 0] += off
+        return verdict(body, [seen], x, Objective([seen]).root_mean_square(x))
+
+    (note,) = told(off=4.6)
+    assert note.startswith("The simulated body is 4.6 pixels (median) from where it was seen, 8 % of the motion")
+    assert not distrusted([note]), "it is of some use"
+    assert worst_first(["a wind", f"{UNHELD}; it may be the weight.", note])[0] == note
+    assert told(off=0.9) == [] and told(off=1.5) == [], "as of a clip that is recovered"
+    (worse,) = told(off=9.0)
+    assert distrusted([worse]) == [worse] and worst_first([note, worse])[0] == worse
 
 
 def test_small_slow_bodies_need_no_substeps_for_speeds_they_do_not_have():

@@ -14,7 +14,7 @@ from ..targets.constants import NOISE
 from ..targets.objective import Channels
 from ..targets.points import PointChannels
 from ..targets.tracks import TrackChannels
-from .remarks import EXPLAINS_NOTHING, STILL, force_remarks, radius_of
+from .remarks import EXPLAINS_NOTHING, ROUGHLY, STILL, force_remarks, radius_of
 
 ASTRAY, ASTRAY_NOISE = 0.1, 10.0
 """A simulation explains nothing if its residual exceeds all of these: the body's size, the first number times the points' largest
@@ -24,6 +24,8 @@ FAR = 0.05
 UNEXPLAINED = 0.1
 """Residual, relative to that of a motion without any force, above which the force should not be trusted. It is 0 to 0.02 for filmed scenes
 that are recovered, up to 0.09 for drafts of one iteration, and 0.11 to 0.34 for plants with an unmarked clamp or a wrong stiffness."""
+ROUGH = 0.05
+"""The same residual, for tracks, above which a note says that the motion is followed only roughly: between the first two of these."""
 
 
 def verdict(
@@ -34,7 +36,8 @@ def verdict(
     fall: np.ndarray | None = None,
     called: str = "The simulated body",
 ) -> list[str]:
-    """Notes on a motion x (T+1, N, 3) [m] whose `residual` (T+1,) [m or px] is so large that its force is of no use; none otherwise.
+    """Notes on a motion x (T+1, N, 3) [m] whose `residual` (T+1,) [m or px] is so large that its force is of no use, or that it follows
+    tracks only roughly; none otherwise.
 
     Args:
         fall: the body's motion without a force, see `fall_of`.
@@ -45,7 +48,7 @@ def verdict(
     """
     lost = astray(particles, channels, x, residual)
     if not lost:
-        return far_off(particles, channels, x, residual, fall, called)
+        return far_off(particles, channels, x, residual, fall, called) or roughly(particles, channels, x, residual, fall, called)
     if not isinstance(channels[0], TrackChannels):
         raise ObjectError(lost, "Check the unit of the points, their order, fps and the material; cut the file where the body jumps.")
     return [f"{lost} {DISTRUST}: check the outline, the tracks and the scale."]
@@ -106,8 +109,7 @@ def far_off(
     if isinstance(channels[0], TrackChannels) and far > max(ASTRAY_NOISE * noise, FAR * size):
         much = f"{100.0 * far / size:.0f} % of its size"
     else:
-        rest = np.broadcast_to(particles.x, x.shape)
-        share = _share_missed(channels, x, [rest] if fall is None else [rest, fall])
+        share = _share_missed(channels, x, _unforced(particles, x, fall))
         if share <= UNEXPLAINED or max(far, way) < STILL * size:
             return []
         much = f"{100.0 * share:.0f} % of the motion that a force has to explain"
@@ -115,6 +117,35 @@ def far_off(
     return [
         f"{called} is {in_units(far, unit)} (median) from where it was seen, {much}. {DISTRUST}: check {check} and the material."
     ]
+
+
+def roughly(
+    particles: Particles,
+    channels: Sequence[Channels],
+    x: np.ndarray,
+    residual: np.ndarray,
+    fall: np.ndarray | None = None,
+    called: str = "The simulated body",
+) -> list[str]:
+    """The note on a simulation x (T+1, N, 3) [m] that `far_off` lets pass, but that follows tracks only roughly; arguments as there."""
+    size, noise, unit = _size(particles, channels[0], x)
+    shown = residual[1:][residual[1:] > 0.0]
+    far = float(np.median(shown)) if len(shown) else 0.0
+    if not isinstance(channels[0], TrackChannels) or far <= ASTRAY_NOISE * noise or _way(channels[0]) < STILL * size:
+        return []
+    share = _share_missed(channels, x, _unforced(particles, x, fall))
+    if share <= ROUGH:
+        return []
+    return [
+        f"{called} is {in_units(far, unit)} (median) from where it was seen, {100.0 * share:.0f} % of the motion that a force has to "
+        f"explain: {ROUGHLY}. Check the outline, what is held, the depth and the material."
+    ]
+
+
+def _unforced(particles: Particles, x: np.ndarray, fall: np.ndarray | None) -> list[np.ndarray]:
+    """Motions (T+1, N, 3) [m] without a force: at rest, and in free fall if that is known."""
+    rest = np.broadcast_to(particles.x, x.shape)
+    return [rest] if fall is None else [rest, fall]
 
 
 def _share_missed(channels: Sequence[Channels], x: np.ndarray, unforced: Sequence[np.ndarray]) -> float:

@@ -17,6 +17,8 @@ from ..targets.tracks import TrackChannels
 
 EXPLAINS_NOTHING = "no force explains this motion"
 """Part of the note of `missed.astray`."""
+ROUGHLY = "the force follows that motion only roughly"
+"""Part of the note of `missed.roughly`."""
 SUDDEN, SUDDEN_WAY = 6.0, 1e-4
 """There is a note if the largest residual exceeds both the first number times the median and the second times the largest displacement."""
 STILL = 0.02
@@ -34,8 +36,15 @@ LOOSE = 3.0
 
 
 def worst_first(notes: Sequence[str]) -> list[str]:
-    """A recovery's notes, sorted: first those that call its field useless, then that nothing was held, then the others as they were."""
-    return sorted(notes, key=lambda note: 0 if DISTRUST in note or EXPLAINS_NOTHING in note else 1 if UNHELD in note else 2)
+    """A recovery's notes, sorted: first those that call its field useless, then that it is rough, that nothing was held, and the others as
+    they were."""
+
+    def rank(note: str) -> int:
+        if DISTRUST in note or EXPLAINS_NOTHING in note:
+            return 0
+        return 1 if ROUGHLY in note else 2 if UNHELD in note else 3
+
+    return sorted(notes, key=rank)
 
 
 def radius_of(x: np.ndarray) -> float:

@@ -2,14 +2,15 @@
 
 Follow the targets with a receding horizon; solve with few modes and sparse knots; learn the hyperparameters; solve with all modes that the
 field is expected to have and the data can tell apart (Gauss-Newton through the simulator); learn again; and solve once more. A body that
-strays from the targets in the first field is followed again at a finer pace (`first_field`). If the body's stiffness is free (`stiffness`),
-the coarse and the fine solve are each followed by joint steps of force and stiffness.
+strays from the targets in the first field is solved again with denser knots or followed again at a finer pace (`first_field`). If the
+body's stiffness is free (`stiffness`), the coarse and the fine solve are each followed by joint steps of force and stiffness.
 """
 
 from __future__ import annotations
 
 import contextlib
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -22,10 +23,10 @@ from ..prior.kernel import Prior, knots_for_variance, modes_for_variance
 from ..prior.learning import learn_hyperparameters, learn_kernel, prior_along, track_misfit
 from ..targets.tracks import TrackChannels
 from .constants import PACE
-from .first_field import FINELY, FLOWING, USUAL, Pace, follow, strayed
+from .first_field import DENSELY, FINELY, FLOWING, USUAL, Pace, at_pace, follow, strayed
 from .forward import Forward
 from .gauss_newton import Solution, cost_of
-from .onward import Onward, astray, continue_block, lead_on, missed_by
+from .onward import Onward, astray, continue_block, lead_on, missed_by, pace_after
 from .problem import whitened
 from .solver import Solver
 from .stiffness import Joint, Stiffness, shortened, stiffest
@@ -48,6 +49,27 @@ class Found:
     """(T,) bool, see `Objective.wild_frames`."""
     misfit: float
     """Misfit before the mismatch was learnt, see `onward.missed_by`."""
+    densely: bool
+    """See `Onward.densely`."""
+
+
+@dataclass(frozen=True)
+class Start:
+    """A coarse solution of a block."""
+
+    pace: Pace
+    forward: Forward
+    prior: Prior
+    found: Solution
+    iterations: int
+    """Jacobians used."""
+    led: float
+    """Misfit of the motion found by the look-ahead [standard deviations]."""
+    off: float
+    """See `first_field.strayed`."""
+
+
+def _unheard(fraction: float, pace: Pace) -> None: ...
 
 
 @dataclass
@@ -58,6 +80,10 @@ class BlockSolver(Solver):
     """Joint normal equations of the last solve with a free stiffness."""
     before: Onward | None = None
     """What the block before hands on to this one."""
+    lost: Callable[[float, Pace], None] = _unheard
+    """Called when the body strays, with the fraction of the block that is done and the pace at which the body is sought next."""
+    densely: bool = False
+    """See `Onward.densely`; known after the coarse solution."""
 
     def run(self) -> Found:
         """Run all solves in order; the fine solve is left out if no iterations are left for it.
@@ -82,7 +108,7 @@ class BlockSolver(Solver):
         )  # fmt: skip
         last = replace(last, converged=last.converged and not draft)
         path, wild = forward.trajectory(last.theta), self.objective.wild_frames()
-        return Found(forward, prior, last, path, used + last.iterations, self.stiffness, self.joint, wild, misfit)
+        return Found(forward, prior, last, path, used + last.iterations, self.stiffness, self.joint, wild, misfit, self.densely)
 
     def _from_the_start(self) -> tuple[Forward, Prior, Solution, int, int, bool]:
         """Coarse and fine solution of a block.
@@ -90,48 +116,64 @@ class BlockSolver(Solver):
         Returns forward model, prior, solution, the Jacobians used, the Jacobians left for the last solve, and whether none were left for
         the fine solve.
         """
-        pace, forward, prior, found, used = self._coarse_solution()
+        start = self._coarse_solution()
+        self.densely = not self.particles.pinned.any() and start.pace.knot < USUAL.knot
+        forward, prior, found, used = start.forward, start.prior, start.found, start.iterations
         left = max(0, self.iterations - found.iterations)
         rounds = min(left, PACE.stiffness_coarse_rounds)
         forward, found, more = self._with_stiffness(forward, prior, found, rounds, 0.45, PACE.coarse_tolerance)
         left, used = max(0, left - more), used + more
         if not left:
             return replace(forward, model=self._model()), prior, found, used, 0, True
-        forward, prior, found, more = self._finely(forward, prior, found, min(left, pace.fine_iterations), left)
-        return forward, prior, found, used + more, min(max(0, left - more), pace.last_iterations), False
+        forward, prior, found, more = self._finely(forward, prior, found, min(left, start.pace.fine_iterations), left)
+        return forward, prior, found, used + more, min(max(0, left - more), start.pace.last_iterations), False
 
-    def _coarse_solution(self) -> tuple[Pace, Forward, Prior, Solution, int]:
+    def _coarse_solution(self) -> Start:
         """A coarse solution of the whole block: continued from the block before if possible, else found at the usual pace; if that strays,
-        the better one of that and a solution at the fine pace.
-
-        Returns the pace, forward model, prior, solution, and the Jacobians used.
-        """
-        pace = FLOWING if self._flows() else USUAL
-        best, least, used = None, math.inf, 0
-        if self.before is not None and not self.particles.pinned.any():
+        the best one of that, of a free body's with denser knots, and of one followed again at the fine pace."""
+        pace, free = FLOWING if self._flows() else pace_after(self.before), not self.particles.pinned.any()
+        if self.before is not None and free:
             with contextlib.suppress(SimulationError):  # the block is then followed from its start
                 forward, prior, led = lead_on(self, self.before)
                 if not astray(self, self.before, led):
-                    return pace, forward, prior, led, led.iterations
-        for one, (begin, solving, end) in ((pace, (0.02, 0.15, 0.2)), (FINELY, (0.2, 0.4, 0.45))):
-            most = min(max(1, self.iterations - 1), one.coarse_iterations)
-            try:
-                first = follow(self, one, (begin, solving))
-                found = self.solve(
-                    first.forward, first.prior, first.theta, most, (solving, end), "Solving coarsely", tolerance=PACE.coarse_tolerance
-                )
-            except SimulationError:
-                if best is None:
-                    raise
-                break  # keep what was found at the usual pace
-            used += first.iterations + found.iterations
-            off = strayed(self, first, found)
-            if best is None or off < least:
-                best, least = (one, first.forward, first.prior, found), off
-            if off < 1.0 or pace is FLOWING or self.iterations == 1:
-                break
-        assert best is not None
-        return *best, used
+                    return Start(pace, forward, prior, led, led.iterations, 0.0, 0.0)
+        starts = [self._followed(pace, (0.02, 0.15, 0.2))]
+        if starts[0].off < 1.0 or pace is FLOWING or self.iterations == 1:
+            return starts[0]
+        if free and pace is USUAL:
+            self.lost(0.2, DENSELY)
+            with contextlib.suppress(SimulationError):  # what was found at the usual pace is kept
+                starts.append(self._denser(starts[0], (0.2, 0.25)))
+        if starts[-1].off >= 1.0:
+            self.lost(0.25, FINELY)
+            with contextlib.suppress(SimulationError):  # as above
+                starts.append(self._followed(FINELY, (0.25, 0.4, 0.45)))
+        best = min(starts, key=lambda one: one.off)
+        return replace(best, iterations=sum(one.iterations for one in starts))
+
+    def _followed(self, pace: Pace, share: tuple[float, float, float]) -> Start:
+        """A coarse solution at a pace. `share`: fractions of the block's progress at which following, then solving begins, and both end.
+
+        Raises:
+            SimulationError: when the body breaks down.
+        """
+        begin, solving, end = share
+        first = follow(self, pace, (begin, solving))
+        found = self._coarsely(pace, first.forward, first.prior, first.theta, (solving, end), "Solving coarsely")
+        off = strayed(self, first.misfit, found)
+        return Start(pace, first.forward, first.prior, found, first.iterations + found.iterations, first.misfit, off)
+
+    def _denser(self, start: Start, share: tuple[float, float]) -> Start:
+        """A coarse solution with denser knots, from one that strayed. Raises SimulationError when the body breaks down."""
+        forward, prior, theta = at_pace(self, DENSELY, start.forward, start.found.theta)
+        found = self._coarsely(DENSELY, forward, prior, theta, share, "Solving again, with denser knots")
+        return Start(DENSELY, forward, prior, found, found.iterations, start.led, strayed(self, start.led, found))
+
+    def _coarsely(
+        self, pace: Pace, forward: Forward, prior: Prior, theta: np.ndarray, share: tuple[float, float], what: str
+    ) -> Solution:
+        most = min(max(1, self.iterations - 1), pace.coarse_iterations)
+        return self.solve(forward, prior, theta, most, share, what, tolerance=PACE.coarse_tolerance)
 
     def _finely(self, coarse: Forward, prior: Prior, first: Solution, most: int, left: int) -> tuple[Forward, Prior, Solution, int]:
         """The fine solve from the coarse one, with as many modes and knots as the hyperparameters learnt from the coarse solve require.

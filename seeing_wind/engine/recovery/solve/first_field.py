@@ -3,13 +3,14 @@
 The followed part of the block grows a segment at a time: the receding horizon (`warm_start`) continues the simulation into the segment,
 then the knots in the segment and shortly before it are solved for. The pace sets how finely. Few modes, sparse knots and a smooth field
 are enough for most bodies. A soft sheet that ripples in gusts shorter than itself strays with them: what the smooth field cannot explain
-is attributed to a motion along the view, and no later solve recovers from that. Such a body is followed again at a finer pace.
+is attributed to a motion along the view, and no later solve recovers from that. Such a body is followed again at a finer pace. A free
+body that only moves faster than the sparse knots allow is not far off, so denser knots are tried first, from where it is.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -68,6 +69,9 @@ FINELY = Pace(
     last_iterations=4, length=0.5, duration=4.0,
 )  # fmt: skip
 """For a body that strayed at the usual pace."""
+DENSELY = replace(USUAL, knot=FINELY.knot, coarse_iterations=FINELY.coarse_iterations, duration=FINELY.duration)
+"""For a free body that strayed at the usual pace, before that one: force and motion of a flower that sways to and fro within eight frames
+cannot be written with a knot in every fourth."""
 
 
 @dataclass(frozen=True)
@@ -95,7 +99,7 @@ def follow(solver: Solver, pace: Pace, share: tuple[float, float]) -> FirstField
     """
     what = "Following the object again, finely" if pace is FINELY else "Following the object"
     objective, expected = solver.objective, solver.expected
-    frames, size, component = objective.frames, expected.size, expected.component
+    frames, size = objective.frames, expected.size * np.sqrt(np.diag(expected.component))
     affine = solver.basis.up_to(1)
     modes = pace.modes(solver.basis)
     knot = solver.knot(pace.knot)
@@ -113,7 +117,7 @@ def follow(solver: Solver, pace: Pace, share: tuple[float, float]) -> FirstField
         solved = forward.trajectory(theta) if begin else None
         state = solved.state(begin) if solved else solver.start
         last = forward.per_frame(theta)[-1][: affine.phi.shape[1]] if begin and pace.leads_on else None
-        lead = partial(warm_start, leader, objective, size * np.sqrt(np.diag(component)), expected.speed, state, begin, end, last)
+        lead = partial(warm_start, leader, objective, size, expected.speed, state, begin, end, last)
         led = solver.journal.once("lead", WarmStart, lead, begin, end, theta)
         velocity = velocity if begin else led.velocity
         fresh = np.zeros((end - begin, *found.shape[1:]))
@@ -121,7 +125,7 @@ def follow(solver: Solver, pace: Pace, share: tuple[float, float]) -> FirstField
         found = np.concatenate([found, fresh])
         forward = solver.forward(modes, knot, end, early)
         theta = forward.pack(found, velocity)
-        kernel = Kernel(max(rms(found[:, 0]), 0.05 * size) ** 2 * component / 3.0, pace.length, pace.duration)
+        kernel = _kernel(solver, pace, found)
         way = [solved.state(t) for t in range(begin)] if solved else []
         path = Trajectory.of(way + [led.path.state(t) for t in range(end - begin + 1)])
         prior = prior_along(kernel, forward, path, expected, objective)
@@ -136,6 +140,24 @@ def follow(solver: Solver, pace: Pace, share: tuple[float, float]) -> FirstField
             theta, used = part_solved.theta, used + part_solved.iterations
             found, velocity = forward.per_frame(theta), theta[forward.size :]
     return FirstField(forward, prior, theta, used, objective.misfit(objective.whiten(objective.residual(path.x[None]))))
+
+
+def at_pace(solver: Solver, pace: Pace, forward: Forward, theta: np.ndarray) -> tuple[Forward, Prior, np.ndarray]:
+    """Forward model, prior and unknowns of a pace with denser knots or more modes, for the field and motion of `forward` under theta (n,).
+
+    Raises:
+        SimulationError: when the body breaks down.
+    """
+    denser = solver.forward(pace.modes(solver.basis), solver.knot(pace.knot), solver.objective.frames, solver.early_model())
+    field, path = forward.per_frame(theta), forward.trajectory(theta)
+    prior = prior_along(_kernel(solver, pace, field), denser, path, solver.expected, solver.objective)
+    return denser, prior, denser.pack(field, theta[forward.size :])
+
+
+def _kernel(solver: Solver, pace: Pace, field: np.ndarray) -> Kernel:
+    """Hyperparameters before they are learnt, for a field of about the size of these coefficients (T, modes, 3) [m/s²]."""
+    size = max(rms(field[:, 0]), 0.05 * solver.expected.size)
+    return Kernel(size**2 * solver.expected.component / 3.0, pace.length, pace.duration)
 
 
 def _unmoved(solver: Solver, pace: Pace) -> FirstField | None:
@@ -161,10 +183,11 @@ def _unmoved(solver: Solver, pace: Pace) -> FirstField | None:
     return FirstField(forward, prior, theta, 0, solver.objective.misfit(missed(path.x)))
 
 
-def strayed(solver: Solver, first: FirstField, found: Solution) -> float:
-    """Misfit of the solution `found` from a first field, relative to the misfit above which the block is followed again at a finer pace."""
+def strayed(solver: Solver, led: float, found: Solution) -> float:
+    """Misfit of the solution `found` relative to the misfit above which a body is lost: the larger for a motion that the look-ahead left
+    with a misfit of `led` [standard deviations]."""
     of_tracks = track_misfit(solver.objective, solver.basis.up_to(2).phi, found.residual) / PACE.refollow_misfit
-    return max(of_tracks, solver.objective.misfit(found.residual) / max(PACE.refollow_misfit, PACE.refollow_worse * first.misfit))
+    return max(of_tracks, solver.objective.misfit(found.residual) / max(PACE.refollow_misfit, PACE.refollow_worse * led))
 
 
 def rms(values: np.ndarray) -> float:

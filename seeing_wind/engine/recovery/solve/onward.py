@@ -17,7 +17,7 @@ from ..prior.constants import PRIOR
 from ..prior.kernel import Kernel, Prior, modes_for_variance
 from ..prior.learning import prior_along, track_misfit
 from .constants import PACE
-from .first_field import USUAL
+from .first_field import DENSELY, USUAL, Pace
 from .forward import Forward
 from .gauss_newton import Solution
 from .solver import Solver
@@ -38,6 +38,8 @@ class Onward:
     """(overlap, modes, 3) coefficients of the force in the frames that the next block solves again [m/s²]."""
     misfit: float
     """Misfit of the block's solution, see `missed_by` [standard deviations]."""
+    densely: bool = False
+    """Whether the block was lost with sparse knots and found with denser ones, see `first_field.DENSELY`; a free body only."""
 
 
 def continue_block(solver: Solver, before: Onward) -> tuple[Forward, Prior, Solution, int] | None:
@@ -65,15 +67,22 @@ def continue_block(solver: Solver, before: Onward) -> tuple[Forward, Prior, Solu
 
 
 def lead_on(solver: Solver, before: Onward) -> tuple[Forward, Prior, Solution]:
-    """Forward model, prior and coarse solution, with few modes and sparse knots, starting from the block before.
+    """Forward model, prior and coarse solution, with few modes and with knots as in the block before's own, starting from that block.
 
     Raises:
         SimulationError: when the body breaks down.
     """
-    forward = solver.forward(USUAL.modes(solver.basis), solver.knot(USUAL.knot), solver.objective.frames)
+    pace = pace_after(before)
+    forward = solver.forward(pace.modes(solver.basis), solver.knot(pace.knot), solver.objective.frames)
     theta = forward.pack(_first_guess(solver, before)[:, : forward.shape[1]], np.zeros(0))
     prior = prior_along(before.kernel, forward, forward.trajectory(theta), solver.expected, solver.objective)
-    return forward, prior, solver.solve(forward, prior, theta, 1, (0.02, 0.3), WHAT, tolerance=PACE.coarse_tolerance)
+    most = min(max(1, solver.iterations - 1), pace.coarse_iterations)
+    return forward, prior, solver.solve(forward, prior, theta, most, (0.02, 0.3), WHAT, tolerance=PACE.coarse_tolerance)
+
+
+def pace_after(before: Onward | None) -> Pace:
+    """The pace at which an elastic body is followed after the block `before`."""
+    return DENSELY if before is not None and before.densely else USUAL
 
 
 def astray(solver: Solver, before: Onward, found: Solution) -> bool:
