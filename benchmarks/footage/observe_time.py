@@ -17,7 +17,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from outline_scenes import SCENES
+from outline_scenes import carnation
 from outlines import box_round
 
 HERE = Path(__file__).resolve().parents[2]
@@ -28,7 +28,7 @@ BAR = 10.0
 
 def write_clip(path: Path) -> tuple[float, float, float, float]:
     """The clip, and a box round the flower in its first frame."""
-    painted = SCENES["carnation"]()
+    painted = carnation(FRAMES)
     rng = np.random.default_rng(5)
     scale = HEIGHT / painted.frames.shape[1]
     wide = round(painted.frames.shape[2] * scale)
@@ -38,10 +38,9 @@ def write_clip(path: Path) -> tuple[float, float, float, float]:
         return cv2.resize(image, (wide, HEIGHT), interpolation=cv2.INTER_CUBIC)
 
     beside = cv2.GaussianBlur(large(np.median(painted.frames, axis=0).astype(np.uint8))[:, ::-1], (0, 0), 1.0)
-    there = list(range(len(painted.frames)))
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"mp4v"), 30.0, (WIDTH, HEIGHT))
-    for t in (there + there[-2:0:-1] + there)[:FRAMES]:
-        image = np.hstack([beside[:, wide - left :], large(painted.frames[t]), beside[:, : WIDTH - wide - left]])
+    for frame in painted.frames:
+        image = np.hstack([beside[:, wide - left :], large(frame), beside[:, : WIDTH - wide - left]])
         grain = rng.normal(0.0, 2.0, image.shape)
         writer.write(np.clip(np.round(image + grain), 0, 255).astype(np.uint8)[..., ::-1])
     writer.release()

@@ -77,9 +77,13 @@ def _speckled(colors: np.ndarray, seed: int, size: float = 3.0, strength: float 
 
 
 def flower(
-    petals: tuple[int, int, int], curtain: tuple[tuple[int, int, int], tuple[int, int, int]], sway: float = 0.16, seed: int = 0
+    petals: tuple[int, int, int],
+    curtain: tuple[tuple[int, int, int], tuple[int, int, int]],
+    sway: float = 0.16,
+    seed: int = 0,
+    length: int = 31,
 ) -> Painted:
-    """A flower of `petals`' colour on a green stem with two leaves, 400x460, its foot below the frame, swaying for 31 frames.
+    """A flower of `petals`' colour on a green stem with two leaves, 400x460, its foot below the frame, swaying for `length` frames.
 
     `sway` is the turn of its head [rad]; it bends as a beam that is clamped at the foot.
     """
@@ -108,12 +112,12 @@ def flower(
 
     def warp(t: float, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         # A clamped beam's deflection grows with the square of the height; its slope turns what sits on it.
-        length = float(foot[1] - head[1])
-        s = np.clip((foot[1] - y) / length, 0.0, 1.3)
+        height = float(foot[1] - head[1])
+        s = np.clip((foot[1] - y) / height, 0.0, 1.3)
         bend = sway * (np.sin(2 * np.pi * t / 21.0) + 0.35 * np.sin(2 * np.pi * t / 8.3 + 1.0) - 0.29)
-        return x - 0.5 * bend * length * s**2, y + bend * s * (x - foot[0]) * 0.9
+        return x - 0.5 * bend * height * s**2, y - bend * s * (x - foot[0])
 
-    frames, masks = _filmed(painting, cloth((height, width), *curtain, 38.0 * FINE, seed + 2), warp, 31, None, seed + 3)
+    frames, masks = _filmed(painting, cloth((height, width), *curtain, 38.0 * FINE, seed + 2), warp, length, None, seed + 3)
     return Painted(frames, masks, (200.0, 459.0))
 
 
@@ -163,8 +167,13 @@ def striped_ball(seed: int = 0) -> Painted:
     return Painted(frames, masks, None)
 
 
+def carnation(length: int = 31) -> Painted:
+    """A pale flower in front of a pale curtain, for `length` frames."""
+    return flower((222, 176, 170), ((150, 120, 108), (214, 184, 168)), length=length)
+
+
 SCENES: dict[str, Callable[[], Painted]] = {
-    "carnation": lambda: flower((222, 176, 170), ((150, 120, 108), (214, 184, 168))),
+    "carnation": carnation,
     "tulip": lambda: flower((150, 40, 52), ((92, 58, 54), (150, 104, 92)), 0.11, 20),
     "daisy": lambda: flower((236, 232, 214), ((186, 178, 160), (238, 232, 220)), 0.2, 40),
     "hanging_toy": lambda: hanging_toy((196, 40, 48), (60, 90, 170)),
