@@ -9,6 +9,7 @@ damping; `law` is what the viscous stress adds to it, over half the natural freq
 
 from __future__ import annotations
 
+import argparse
 from dataclasses import replace
 
 import numpy as np
@@ -58,6 +59,7 @@ def ring(model: Model, body: Particles, omega: float) -> tuple[float, float]:
 
 def main() -> None:
     """The table, row by row."""
+    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
     omega = 3.516 * np.sqrt(MODULUS * THICK**2 / (12.0 * DENSITY * (SLENDER * THICK) ** 4))
     retardation = 2.0 * RATIO / omega
     print("| particles across | substeps a period | frequency over beam theory's | own | law over closed form | all over closed form |")

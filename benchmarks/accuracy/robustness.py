@@ -7,6 +7,7 @@ every force density off by 1.5, which no method can know; that row is scored as 
 
 from __future__ import annotations
 
+import argparse
 import sys
 import time
 from collections.abc import Callable
@@ -77,13 +78,18 @@ CASES: dict[str, tuple[Variant, float]] = {
 
 def main() -> int:
     """All cases, or those named; prints Markdown."""
-    if len(sys.argv) < 2 or not set(sys.argv[2:]) <= set(CASES):
-        sys.exit(f"{__doc__}\nCases: {', '.join(CASES)}")
-    path = Path(sys.argv[1])
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("truth", type=Path, metavar="TRUTH.npz")
+    parser.add_argument("cases", nargs="*", metavar="CASE", help="; ".join(CASES).replace("%", "%%") + "; default: all")
+    arguments = parser.parse_args()
+    unknown = set(arguments.cases) - set(CASES)
+    if unknown:
+        parser.error(f"there is no case {unknown.pop()!r}; choose among {', '.join(CASES)}")
+    path = arguments.truth
     with np.load(path, allow_pickle=False) as data:
         truth, free = data["acc"] * float(data["rho"]), ~data["fixed"]
     print(f"| {path.stem} | magnitude | direction | against what the guess implies | seconds |\n|---|---|---|---|---|")
-    for name in sys.argv[2:] or CASES:
+    for name in arguments.cases or CASES:
         change, implied = CASES[name]
         source, started = change(read_trajectories(path)), time.perf_counter()
         settings = RecoverSettings(gravity=source.gravity, clamp_depth=source.clamp_depth)

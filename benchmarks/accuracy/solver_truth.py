@@ -6,6 +6,7 @@ and over all frames, against the distance that they travelled.
 
 from __future__ import annotations
 
+import argparse
 import sys
 import time
 from collections.abc import Mapping
@@ -59,9 +60,12 @@ def travelled(truth: Mapping[str, np.ndarray]) -> float:
 
 def main() -> int:
     """Print a row per body; exit code 1 if one ends more than 2 % of its path's length away from the truth."""
-    shared, missed = Path(sys.argv[1]), 0
-    for name in sys.argv[2:] or NAMES:
-        with np.load(shared / f"truth/{name}.npz", allow_pickle=False) as data:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("shared", type=Path, metavar="SHARED")
+    parser.add_argument("names", nargs="*", default=NAMES, metavar="NAME", help=f"default: {' '.join(NAMES)}")
+    arguments, missed = parser.parse_args(), 0
+    for name in arguments.names:
+        with np.load(arguments.shared / f"truth/{name}.npz", allow_pickle=False) as data:
             truth = dict(data)
         started = time.perf_counter()
         path, model = drive(truth)

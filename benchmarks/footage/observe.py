@@ -6,6 +6,7 @@ per scene, a line per bar that is missed, and exit code 1 then. Seconds are thos
 
 from __future__ import annotations
 
+import argparse
 import dataclasses
 import sys
 import time
@@ -195,10 +196,12 @@ def missed(scene: str, figures: dict[str, float]) -> list[str]:
 
 def main() -> int:
     """All scenes, or those named."""
-    if len(sys.argv) < 2:
-        sys.exit(__doc__)
-    folder = Path(sys.argv[1]).resolve() / "truth" / "rendered"
-    scenes = sys.argv[2:] or [name for name in SCENES if (folder / name).is_dir()]
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("shared", type=Path, metavar="SHARED")
+    parser.add_argument("scenes", nargs="*", metavar="SCENE", help=f"default: those in SHARED of {' '.join(SCENES)}")
+    arguments = parser.parse_args()
+    folder = arguments.shared.resolve() / "truth" / "rendered"
+    scenes = arguments.scenes or [name for name in SCENES if (folder / name).is_dir()]
     lines: list[str] = []
     for scene in scenes:
         figures = figures_of(folder / scene)

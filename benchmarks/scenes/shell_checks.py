@@ -12,6 +12,7 @@ Needs what shell_scenes.py needs. Prints
 
 from __future__ import annotations
 
+import argparse
 from dataclasses import replace
 
 import numpy as np
@@ -78,6 +79,7 @@ def print_repeats() -> None:
 
 def main() -> None:
     """All checks."""
+    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
     strip = Scene(lambda: hanging(0.6, 0.15, 0.03), lambda x: x[:, 2] > -1e-6, STILL, 0.12, 2000.0, 4e-4)
     rest = strip.mesh()[0]
     down = -(settled(strip) - rest)[np.isclose(rest[:, 2], rest[:, 2].min()), 2].mean()

@@ -8,6 +8,7 @@ that a bar is missed. The take stays in DIR/carnation.take, with its frames. Wit
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
 import shutil
@@ -49,7 +50,10 @@ def run(take: Path, *words: str) -> tuple[dict, float, float]:
 
 def main() -> int:
     """Both verbs, and what came of them."""
-    folder = Path(sys.argv[1]).resolve()
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path, metavar="DIR")
+    arguments, options = parser.parse_known_args()
+    folder = arguments.folder.resolve()
     truth = json.loads((folder / "truth.json").read_text())
     with np.load(folder / "masks.npz", allow_pickle=False) as data:
         true = dict(zip(data["frames"].tolist(), data["masks"]))
@@ -66,7 +70,7 @@ def main() -> int:
     if held.exists():
         shutil.copy(held, kept)
     pin = ["--pin", str(kept)] if held.exists() else []
-    result, spent, wall = run(take, "recover", *clip, *box, *pin, "--material", "plant_stem", *sys.argv[2:])
+    result, spent, wall = run(take, "recover", *clip, *box, *pin, "--material", "plant_stem", *options)
     print(f"recover: {spent:.1f} s of the processor, {wall:.1f} s of the wall; {result['outcome']}")
     for one in result.get("warnings", []):
         print(f"  {one}")

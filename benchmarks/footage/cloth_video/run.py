@@ -9,6 +9,7 @@ in every frame, and over the clip. The take stays in DIR/cloth.take, with its fr
 
 from __future__ import annotations
 
+import argparse
 import shutil
 import sys
 import time
@@ -37,7 +38,10 @@ def followed(take: Path, truth: dict[str, np.ndarray]) -> np.ndarray:
 
 def main() -> None:
     """One line of a table."""
-    folder = Path(sys.argv[1]).resolve()
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path, metavar="DIR")
+    arguments, options = parser.parse_known_args()
+    folder = arguments.folder.resolve()
     truth, take = read_arrays(folder / "truth.npz"), folder / "cloth.take"
     shutil.rmtree(take, ignore_errors=True)
     thickness = float(truth["thickness"])
@@ -48,7 +52,7 @@ def main() -> None:
     words += ["--youngs-modulus", f"{float(truth['E']):g}", "--poisson-ratio", f"{float(truth['nu']):g}"]
     words += ["--pin", str(folder / "held.png")] if truth["fixed"].any() else []
     begun = time.perf_counter()
-    engine("recover", folder / "frame_*.png", "--take", take, *words, *sys.argv[2:])
+    engine("recover", folder / "frame_*.png", "--take", take, *words, *options)
     minutes = (time.perf_counter() - begun) / 60.0
     away = followed(take, truth)
     frames = len(away) - 1
