@@ -139,8 +139,8 @@ class Sheet:
         for key, unit in SHEET_UNITS.items():
             value = getattr(self, key)
             if not (math.isfinite(value) and value > 0.0):
-                what = key.replace("_", " ")
-                raise MaterialError(f"The {what} of a sheet is {in_units(value, unit)}.", "Give a finite number above zero.")
+                said = f"The {key.replace('_', ' ')} of a sheet is {in_units(value, unit)}."
+                raise MaterialError(said, "Give a finite number above zero.")
         if not 0.0 <= self.loss_factor <= MOST_LOSS:
             said = f"The loss factor of a sheet is {self.loss_factor:g}."
             raise MaterialError(said, f"Give from zero to {MOST_LOSS:g}.", quantity="loss_factor")

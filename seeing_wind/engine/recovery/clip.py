@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -16,13 +16,12 @@ import numpy as np
 
 from ..errors import UsageError
 from ..mpm.model import Model
-from ..mpm.state import Trajectory
 from ..progress import Journal, Progress, in_words
 from ..records import Material, Outcome, Particles, Recovery
 from ..settings import RecoverSettings
 from .blocks import blocks, most_modes
 from .diagnostics.missed import fall_of, verdict
-from .diagnostics.posterior import missed_acceleration, posterior_deviation, unseen_guess, unseen_variation
+from .diagnostics.posterior import missed_acceleration, unseen_guess
 from .diagnostics.remarks import (
     end_remarks,
     force_remarks,
@@ -33,16 +32,16 @@ from .diagnostics.remarks import (
     wider_remarks,
     wild_remarks,
 )
+from .kept import Kept, kept_of
 from .prior.basis import SpatialBasis, held_axis, spatial_basis, told_apart
 from .prior.constants import PRIOR
-from .prior.kernel import knots_for_variance, steady_part
+from .prior.kernel import steady_part
 from .prior.learning import Expected
 from .solve.block import BlockSolver
 from .solve.constants import PACE
 from .solve.first_field import FINELY, Pace
-from .solve.onward import Onward
 from .solve.section import section_axes
-from .solve.stiffness import Stiffness, covariance_with, remark, stiffer, youngs_modulus
+from .solve.stiffness import Stiffness, remark, stiffer, youngs_modulus
 from .targets.objective import Objective
 from .targets.points import PointChannels
 from .targets.tracks import TrackChannels
@@ -67,27 +66,6 @@ def still_frames(settings: RecoverSettings, frames: int, first_frame: int = 0) -
                 "Name the frames in which the air is still; in the others a force is looked for.",
             )
     return still
-
-
-@dataclass(frozen=True)
-class Kept:
-    """What a block contributes to the clip: its frames before the next block begins."""
-
-    acceleration: np.ndarray
-    """(T, N, 3) acceleration by the force [m/s²]."""
-    deviation: np.ndarray
-    """(T, N, 3) posterior standard deviation of the acceleration [m/s²]."""
-    trajectory: Trajectory
-    """The motion up to the next block's first frame."""
-    iterations: int
-    converged: bool
-    knot_spacing: float
-    """Frames between knots."""
-    stiffness: Stiffness
-    wild: np.ndarray
-    """(T,) bool, see `solve.block.Found`."""
-    onward: Onward
-    """What the next block takes over."""
 
 
 Foresee = Callable[[int, int], float | None]
@@ -157,7 +135,7 @@ class Clip:
                 journal=self.journal, lost=lost,
             )  # fmt: skip
             frames = cuts[part + 1][0] - begin if part + 1 < len(cuts) else end - begin
-            found = self.journal.once("block", Kept, partial(_solved, solver, frames), begin, end, start, self.stiffness)
+            found = self.journal.once("block", Kept, partial(kept_of, solver, frames), begin, end, start, self.stiffness)
             done += share
             if self.stiffness.free:
                 self.stiffness = found.stiffness.settled() if found.stiffness.known else found.stiffness
@@ -300,29 +278,3 @@ class Clip:
         if held_up:  # the clip does not show how much of the force is the reaction to gravity
             deviation = np.hypot(deviation, np.linalg.norm(self.settings.gravity))
         return deviation
-
-
-def _solved(solver: BlockSolver, frames: int) -> Kept:
-    """Solve a block, and keep the first `frames` of its solution, with the posterior deviation."""
-    found = solver.run()
-    # The stretch penalty is an assumption, not knowledge, so the deviation does not include it.
-    covariance = covariance_with(found.last.point.normal + replace(found.prior, stretch=None).precision(), found.joint)
-    path, acceleration = found.trajectory, found.forward.acceleration(found.last.theta)[:frames]
-    deviation = posterior_deviation(found.forward, covariance)[:frames]
-    points = all(isinstance(one, PointChannels) for one in solver.objective.channels)
-    if solver.start is not None and solver.particles.pinned.any() and points:
-        deviation *= PRIOR.later_optimism
-    knot = knots_for_variance(found.prior.kernel, found.forward.basis, path.x, PACE.knot, PRIOR.between_knots)
-    if found.forward.shape[1] == 1:
-        deviation = np.hypot(deviation, unseen_variation(acceleration))
-    return Kept(
-        acceleration,
-        deviation,
-        Trajectory(path.x[: frames + 1], path.v[: frames + 1], path.C[: frames + 1], path.F[: frames + 1], path.substeps[:frames]),
-        found.iterations,
-        found.last.converged,
-        found.forward.knots.spacing,
-        found.stiffness,
-        found.wild[:frames],
-        Onward(found.prior.kernel, knot, found.forward.per_frame(found.last.theta)[frames:], found.misfit, found.densely),
-    )

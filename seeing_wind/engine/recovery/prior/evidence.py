@@ -13,7 +13,7 @@ is kept large enough for the clip to distinguish it from zero (`_resolved`).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import cache, reduce
 from typing import Any
 
@@ -43,6 +43,8 @@ ROUNDING = 1e-11
 """Added to the diagonal of a covariance, relative to its mean, to keep it positive definite in double precision."""
 LOG_LIMIT = 30.0
 """Largest absolute logarithm of a hyperparameter that the line search may try."""
+MISMATCH_SCALES = tuple(2.0**power for power in range(-9, 4))
+"""Factors on the standard deviation of the mismatch of 3D points, of which the evidence chooses one."""
 COARSE_STRIDE = 3
 """Only every n-th of the mismatch factors is tried first, then those near the best."""
 PARALLEL_FROM = 250
@@ -190,20 +192,19 @@ def log_evidence(covariance: torch.Tensor, z: torch.Tensor) -> torch.Tensor:
     return value
 
 
-def mismatch_scale(prior: Prior, objective: Objective, point: Linearisation, scales: Sequence[float]) -> float:
-    """The factor on the mismatch's standard deviation with the greatest evidence.
+def mismatch_scale(prior: Prior, objective: Objective, point: Linearisation) -> float:
+    """The one of `MISMATCH_SCALES` with the greatest evidence.
 
     Args:
         prior: the prior with learnt hyperparameters.
         objective: the objective that whitened the residuals of `point`.
-        scales: factors to choose from, in increasing order.
     """
     raw = objective.unwhitened(np.concatenate([point.jacobian, (point.jacobian.T @ point.theta - point.residual)[None]]))
     precision = prior.precision()
 
     @cache
     def evidence(index: int) -> float:
-        other = objective.mismatched(scales[index])
+        other = objective.mismatched(MISMATCH_SCALES[index])
         white = other.whiten(raw).astype(np.float64)
         jacobian, data = white[:-1], white[-1]
         pull = torch.from_numpy(jacobian @ data)
@@ -212,11 +213,11 @@ def mismatch_scale(prior: Prior, objective: Objective, point: Linearisation, sca
         volume = float(torch.log(torch.diagonal(factor)).sum()) - other.log_volume
         return 0.5 * (explained - float(data @ data)) - volume
 
-    best = max(range(0, len(scales), COARSE_STRIDE), key=evidence)
+    best = max(range(0, len(MISMATCH_SCALES), COARSE_STRIDE), key=evidence)
     while True:  # climb from the best of the few that were tried
-        better = max((index for index in (best - 1, best, best + 1) if 0 <= index < len(scales)), key=evidence)
+        better = max((index for index in (best - 1, best, best + 1) if 0 <= index < len(MISMATCH_SCALES)), key=evidence)
         if better == best:
-            return scales[best]
+            return MISMATCH_SCALES[best]
         best = better
 
 

@@ -21,9 +21,6 @@ from .constants import PRIOR
 from .evidence import maximise_evidence, mismatch_scale, prefer_belief
 from .kernel import Kernel, Places, Prior
 
-MISMATCH_SCALES = tuple(2.0**power for power in range(-9, 4))
-"""Candidate factors on the mismatch of 3D points; the evidence chooses."""
-
 
 @dataclass(frozen=True)
 class Expected:
@@ -103,7 +100,7 @@ def _mismatch_factor(prior: Prior, forward: Forward, solution: Solution, objecti
     if all(isinstance(one, PointChannels) for one in objective.channels):
         if forward.model.pinned.any():
             return None
-        return NOISE.absorbed_factor * mismatch_scale(prior, objective, solution.point, MISMATCH_SCALES)
+        return NOISE.absorbed_factor * mismatch_scale(prior, objective, solution.point)
     left = 0.0 if forward.model.plastic else track_misfit(objective, forward.basis.up_to(2).phi, solution.residual)
     return NOISE.absorbed_factor * left if left > NOISE.track_misfit else None
 
