@@ -52,7 +52,7 @@ class Plate:
     view_centre: tuple[float, float] = (0.0, 0.0)
     """Where the camera looks, in plate coordinates."""
     bears_weight: bool = True
-    """Whether its weight bends it no further, as the outlines show it as it stands; otherwise the wind has to carry it."""
+    """Whether the outlines show it as its weight has bent it, so that it is simulated without gravity; False: the wind has to carry it."""
     stand: tuple[np.ndarray, np.ndarray, tuple[float, float, float]] | None = None
     """What it is fixed to: vertices (V, 3) [m, world], triangles (M, 3), linear colour."""
 
@@ -105,7 +105,7 @@ def lay_particles(plate: Plate, spacing: float) -> Particles:
 
 
 def simulate(plate: Plate, wind: ForceFieldAnalytic, size: tuple[int, int], spacing: float = SPACING) -> Filmed:
-    """Let the plate go, at rest, in the wind, and in gravity unless it bears its weight."""
+    """Let the plate go, at rest, in the wind, and in gravity unless it bears its weight as it is."""
     particles, material = lay_particles(plate, spacing), plate.stuff()
     model, _ = model_for(particles, material, wind.fps, gravity=NO_GRAVITY if plate.bears_weight else GRAVITY)
     state = State.at_rest(particles.x)

@@ -13,7 +13,7 @@ from ..records import Doubt
 from ..settings import ObserveSettings
 from .clip.shake import homography, through_mask
 from .mask.background import median_plate
-from .mask.by_turns import boxed_alone, with_background
+from .mask.by_turns import sought_in_box, with_background
 from .mask.corrected import Marks, carried_to_first, marks_of, with_corrections
 from .mask.cutting import LEAST_PIXELS
 from .mask.first_mask import read_mask
@@ -55,7 +55,7 @@ def find_outline(steady: Steady, progress: Progress, journal: Journal) -> Outlin
         around = marked_area(settings, *frames.shape[1:3])
     boxed = around if settings.box is not None else np.zeros_like(around)
     still, behind = frames, plate
-    if plate is None and boxed_alone(settings) and (views := registered(frames, boxed, progress)) is not None:
+    if plate is None and sought_in_box(settings) and (views := registered(frames, boxed, progress)) is not None:
         still, behind = views, median_plate(views, progress)
     moving = None if behind is None else moving_from(still, boxed, behind, progress)
     doubts: list[Doubt] = []

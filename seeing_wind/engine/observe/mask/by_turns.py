@@ -28,8 +28,8 @@ LEARNT = 9
 """Frames, spread over the clip, from which the contrast between object and background is learnt."""
 
 
-def boxed_alone(settings: ObserveSettings) -> bool:
-    """Whether a box is all that the user gave to mark the object."""
+def sought_in_box(settings: ObserveSettings) -> bool:
+    """Whether the outline is sought in a box (the user's, or one round the outline of a later frame), not given or cut out by a network."""
     return settings.box is not None and settings.mask is None and settings.mask_model is None
 
 
@@ -50,7 +50,7 @@ def with_background(
         frames: (T+1, H, W, 3) uint8 RGB; mask: (H, W) bool, the object in frame 0; plate: the background; moving: see `moving_from`.
         around: (H, W) bool, where the object is according to the user's mask, box or points.
     """
-    boxed, contrast, other = boxed_alone(settings), None, np.zeros_like(mask)
+    boxed, contrast, other = sought_in_box(settings), None, np.zeros_like(mask)
     behind = plate_with_first(plate, frames, mask, around if settings.box is not None else mask)
     if boxed:
         mask, other = _again(frames[0], mask, behind, contrast, around, moving)

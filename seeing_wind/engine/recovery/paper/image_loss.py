@@ -61,6 +61,8 @@ class _Target:
 class ImageLoss:
     """Mean absolute colour difference |I - pi(G)| in a crop around the object, divided by that between the frame and the one before.
 
+    It is 0 in a frame that does not show the object if the frame before does not either, as there is nothing to compare then.
+
     Args:
         dtype: float32, or float64 to check derivatives.
 
@@ -76,13 +78,15 @@ class ImageLoss:
         self.rest = torch.from_numpy(rest_covariances(filmed.gaussians)).to(dtype)
         self.opacity = torch.from_numpy(filmed.gaussians.opacity).to(dtype)
         self.colour = (0.5 + SH0 * torch.from_numpy(filmed.gaussians.sh[:, 0])).clamp(0.0, 1.0).to(dtype)
-        self.target: _Target
+        self.target: _Target | None
 
     def begin(self, x: np.ndarray, frame: int) -> None:
         self.target = self._target(frame)
 
     def __call__(self, x: torch.Tensor, F: torch.Tensor) -> torch.Tensor:
         target = self.target
+        if target is None:
+            return 0.0 * x.sum()
         centres, carried = self.rider.follow(x).to(self.dtype), self.rider.follow(F).to(self.dtype)
         spread = carried @ self.rest @ carried.transpose(1, 2)  # Sigma^t = F Sigma^0 F^T, Eq. (8)
         mean, flat, depth = project(centres, spread, target.camera)
@@ -94,12 +98,13 @@ class ImageLoss:
         difference = colour + (1.0 - alpha)[..., None] * target.background - target.image
         return ((difference.square() + SMOOTH**2).sqrt() - SMOOTH).mean().double() / target.change
 
-    def _target(self, frame: int) -> _Target:
-        """The part of `frame` that shows the object or showed it in the frame before."""
+    def _target(self, frame: int) -> _Target | None:
+        """The part of `frame` that shows the object or showed it in the frame before; None if neither frame shows it."""
         p = self.filmed
         either = p.masks[frame] | p.masks[frame - 1]
-        where = either if either.any() else p.masks[0]
-        crop = Crop.around(where, p.camera, frame, MARGIN, PIXELS)
+        if not either.any():
+            return None
+        crop = Crop.around(either, p.camera, frame, MARGIN, PIXELS)
         target, before, behind = (
             crop.reduced(crop.cut(one).astype(np.float64) / 255.0) for one in (p.frames[frame], p.frames[frame - 1], p.background)
         )

@@ -20,7 +20,8 @@ from .objective import Objective
 
 
 def bears_weight(model: Model, x: np.ndarray, objective: Objective) -> bool:
-    """Whether a held body with the rest positions x (N, 3) [m] of frame 0 lacks the sag of a body that starts without strain.
+    """Whether a held body bears its weight in the shape x (N, 3) [m] of frame 0: the first frames do not show it sag as one without strain
+    would.
 
     A velocity in frame 0 is no evidence, so the part that grows linearly with time is removed from both motions. If the sag would be too
     small to be seen, the body is taken to bear its weight, as nearly all filmed bodies do.

@@ -192,6 +192,20 @@ def test_the_image_loss_is_least_where_the_body_went_and_its_derivatives_are_rig
         assert float(ahead - behind) / 2.0 == pytest.approx(promised, rel=1e-3)
 
 
+def test_the_image_loss_says_nothing_of_a_frame_in_which_the_object_is_hidden():
+    body = block()
+    seen = filmed(body, np.zeros(3))
+    hidden = replace(seen, frames=seen.frames[[0, 1, 1, 1]], masks=seen.masks[[0, 1, 1, 1]] & np.array([1, 1, 0, 0], bool)[:, None, None])
+    x = torch.from_numpy(body.x + [0.006, 0.0, -0.004]).requires_grad_()
+    loss, F = ImageLoss(hidden), torch.eye(3, dtype=torch.float64).repeat(27, 1, 1)
+    loss.begin(body.x, 2)
+    assert loss(x, F) > 0.1, "the frame before shows it"
+    loss.begin(body.x, 3)
+    value = loss(x, F)
+    value.backward()
+    assert value == 0.0 and not x.grad.any()
+
+
 def scene_flow(body, shift):
     """Flow and depth of a body that moves by `shift` (3,) [m], as functions."""
     surface = dots(body).attachment
