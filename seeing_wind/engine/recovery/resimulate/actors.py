@@ -15,14 +15,12 @@ from ...records import Body, Material, Particles, Recovery, as_found, body_as_fo
 from ...settings import BodyEdit, Edit
 from . import sheets
 from .coarser import fill_coarser
+from .in_field import MOST_SCALED
 from .mesh import load_mesh
 from .pins import Rider, hold_of, particle_paths, read_pin_path, read_pins, read_weights, ride
 
 MIN_SUBSTEPS = 100
 """Fewest substeps per frame, whatever the stiffness, so that the first frame of a fall is accurate to 1 %."""
-
-MOST_SCALED = 1e6
-"""Factors on a mass or a stiffness beyond this, or below its inverse, are a mistake."""
 
 FASTEST = 1e4
 """Largest initial velocity of a body [m/s] and largest gravity [m/s²]: more is a mistake."""

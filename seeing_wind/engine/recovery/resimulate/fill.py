@@ -40,8 +40,8 @@ class Filling:
     """Whether a part consists of two layers, which are one spacing apart."""
 
 
-def fill(vertices: np.ndarray, triangles: np.ndarray, *, spacing: float | None = None, count: int = COUNT) -> Filling:
-    """Fill a mesh with about `count` particles, or with particles `spacing` apart.
+def fill(vertices: np.ndarray, triangles: np.ndarray, *, spacing: float | None = None) -> Filling:
+    """Fill a mesh with about `COUNT` particles, or with particles `spacing` apart.
 
     The volumes of a closed mesh's particles sum to the mesh's volume. A surface that is not closed but still encloses something is filled
     by means of voxels. An open surface has no volume: it gets two layers with the thickness of two particles. A closed part that is too
@@ -50,13 +50,12 @@ def fill(vertices: np.ndarray, triangles: np.ndarray, *, spacing: float | None =
     Args:
         vertices: (V, 3) [m]; triangles: (M, 3).
         spacing: distance between neighbouring particles [m].
-        count: wanted number of particles if no spacing is given.
 
     Raises:
-        UsageError: for a count or spacing that is not positive, or a mesh without any area.
+        UsageError: for a spacing that is not positive, or a mesh without any area.
     """
-    if count < 1 or (spacing is not None and not spacing > 0.0):
-        raise UsageError(f"A mesh cannot be filled with {count} particles {spacing} m apart.", "Give positive numbers.")
+    if spacing is not None and not spacing > 0.0:
+        raise UsageError(f"A mesh cannot be filled with particles {spacing:g} m apart.", "Give a distance above zero.")
     vertices, triangles = np.asarray(vertices, dtype=np.float64), np.asarray(triangles)
     area, cross = triangle_areas(vertices, triangles)
     if area.sum() <= 0.0:
@@ -70,7 +69,7 @@ def fill(vertices: np.ndarray, triangles: np.ndarray, *, spacing: float | None =
     if room is not None and walls.any():
         volume += room.volume
     if spacing is None:
-        spacing = _spacing_for(volume, area[closed | walls].sum(), area[~closed & ~walls].sum(), count)
+        spacing = _spacing_for(volume, area[closed | walls].sum(), area[~closed & ~walls].sum())
     in_room, room_volume = _in_room(vertices, triangles, closed, walls, room, spacing)
     walls &= len(in_room) >= _FEWEST
 
@@ -87,20 +86,8 @@ def fill(vertices: np.ndarray, triangles: np.ndarray, *, spacing: float | None =
         sizes.append(np.full(len(in_room), room_volume / len(in_room)))
         notes.append("not a closed solid (open, crossing or turned faces): filled where it encloses something, holes closed")
     if shell.any():
-        points, normals, patch = sample_surface(vertices, triangles[shell], cross[shell], area[shell], spacing)
-        shell_closed = triangles[shell & closed]
-        thin = abs(signed_volume(vertices, shell_closed)) if len(shell_closed) else 0.0
-        offset = 0.5 * spacing * normals
-        x += [points - offset, points + offset]
-        open_share = area[shell & ~closed].sum() / area[shell].sum()
-        # Open parts get the thickness of two particles; closed but thin parts keep their volume.
-        total = 2.0 * spacing * area[shell].sum() * open_share + thin
-        each = patch / patch.sum() * max(total, 1e-12) / 2.0
-        sizes += [each, each]
-        if open_share > 0.0:
-            notes.append(f"open surface: filled as a layer {in_units(2.0 * spacing, 'm')} thick")
-        if open_share < 1.0:
-            notes.append("closed but thinner than its particles: filled as two layers of the same volume")
+        layers, volumes, said = _layers(vertices, triangles[shell], cross[shell], area[shell], closed[shell], spacing)
+        x, sizes, notes = x + layers, sizes + volumes, notes + said
     particles = Particles(np.concatenate(x), np.concatenate(sizes), np.zeros(sum(map(len, x)), dtype=bool), float(spacing))
     return Filling(particles, notes, bool(shell.any()))
 
@@ -136,16 +123,16 @@ def _shares(owner: np.ndarray, contents: np.ndarray) -> np.ndarray:
     return np.abs(contents)[owner] / np.maximum(caught, 1)[owner]
 
 
-def _spacing_for(volume: float, closed_area: float, open_area: float, count: int) -> float:
-    """Spacing [m] for about `count` particles in closed parts of `volume` and on open parts of `open_area`; thin parts get two layers."""
-    shell = np.sqrt(LAYERS * open_area / count) if open_area else 0.0
+def _spacing_for(volume: float, closed_area: float, open_area: float) -> float:
+    """Spacing [m] for about `COUNT` particles in closed parts of `volume` and on open parts of `open_area`; thin parts get two layers."""
+    shell = np.sqrt(LAYERS * open_area / COUNT) if open_area else 0.0
     if volume <= 0.0:
-        return float(max(shell, np.sqrt(LAYERS * closed_area / count)))
-    spacing = (volume / count) ** (1.0 / 3.0)
+        return float(max(shell, np.sqrt(LAYERS * closed_area / COUNT)))
+    spacing = (volume / COUNT) ** (1.0 / 3.0)
     thickness = 2.0 * volume / closed_area
     if thickness < LAYERS * spacing:
         fine = thickness / LAYERS
-        spacing = fine if volume / fine**3 <= MOST else np.sqrt(0.5 * closed_area * LAYERS / count)
+        spacing = fine if volume / fine**3 <= MOST else np.sqrt(0.5 * closed_area * LAYERS / COUNT)
     return float(max(spacing, shell))
 
 
@@ -191,6 +178,25 @@ def _axes(vertices: np.ndarray, spacing: float) -> list[np.ndarray]:
 
 
 # -- shells -----------------------------------------------------------------------------------------------------------------------
+
+
+def _layers(
+    vertices: np.ndarray, triangles: np.ndarray, cross: np.ndarray, area: np.ndarray, closed: np.ndarray, spacing: float
+) -> tuple[list[np.ndarray], list[np.ndarray], list[str]]:
+    """The points (P, 3) [m] of two layers about the triangles, their volumes (P,) [m³], and notes. `closed` (M,) bool: of a closed part.
+
+    Open parts get the thickness of two particles; closed but thin parts keep their volume.
+    """
+    points, normals, patch = sample_surface(vertices, triangles, cross, area, spacing)
+    thin = abs(signed_volume(vertices, triangles[closed])) if closed.any() else 0.0
+    offset = 0.5 * spacing * normals
+    open_share = area[~closed].sum() / area.sum()
+    total = 2.0 * spacing * area.sum() * open_share + thin
+    each = patch / patch.sum() * max(total, 1e-12) / 2.0
+    notes = [f"open surface: filled as a layer {in_units(2.0 * spacing, 'm')} thick"] if open_share > 0.0 else []
+    if open_share < 1.0:
+        notes.append("closed but thinner than its particles: filled as two layers of the same volume")
+    return [points - offset, points + offset], [each, each], notes
 
 
 def sample_surface(

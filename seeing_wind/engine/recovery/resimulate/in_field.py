@@ -27,6 +27,9 @@ FLATTEST = 1e-6
 FAINT = 0.5
 """A note says that the field has faded if less than this share of it is left, averaged over a body."""
 
+MOST_SCALED = 1e6
+"""Factors on a mass, a stiffness or a field beyond this, and on the former two below its inverse, are a mistake."""
+
 
 @dataclass(frozen=True)
 class Reach:
@@ -189,6 +192,17 @@ def rotation_of(matrix: np.ndarray) -> np.ndarray:
     """The rotation (3, 3) contained in a matrix (3, 3). For a mirrored matrix it is that of its negative, as in Blender."""
     U, _, Vt = np.linalg.svd(matrix if np.linalg.det(matrix) > 0.0 else -matrix)
     return np.asarray(U @ Vt)
+
+
+def strengths(strength: float | tuple[float, ...], frames: int) -> np.ndarray:
+    """An edit's field_strength for each frame, (frames,). Raises UsageError for another number of values, or one beyond `MOST_SCALED`."""
+    values = np.atleast_1d(np.asarray(strength, dtype=np.float64))
+    if len(values) not in (1, frames) or not (np.abs(values) <= MOST_SCALED).all():
+        raise UsageError(
+            f"field_strength has {len(values)} values for {frames} frames, the largest {np.abs(values).max(initial=0.0):g}.",
+            f"Give one number, or one per frame, up to {MOST_SCALED:g}.",
+        )
+    return np.broadcast_to(values, (frames,))
 
 
 def read_place(path: str | os.PathLike[str], frames: int) -> np.ndarray:

@@ -143,7 +143,7 @@ def hold_of(rest: np.ndarray, pins: np.ndarray, weights: np.ndarray, particles: 
 def pull_back(offset: np.ndarray, v: np.ndarray, acceleration: np.ndarray, weight: np.ndarray, frame_dt: float) -> np.ndarray:
     """Acceleration (N, 3) [m/s²], constant over a frame, that pulls particles back to their places like a spring.
 
-    The spring's angular frequency is omega = SOFT sqrt(w / (1 - w)), and its pull is that at the end of the frame (implicit Euler): it does
+    The spring is that of `squared_frequency`, and its pull is that at the end of the frame (implicit Euler): it does
     not overshoot at any frame rate, and for w towards 1 the particle is at its place when the frame ends.
 
     Args:
@@ -153,8 +153,13 @@ def pull_back(offset: np.ndarray, v: np.ndarray, acceleration: np.ndarray, weigh
         weight: (N,) w, in 0..1.
         frame_dt: duration of the frame [s].
     """
-    squared = SOFT**2 * weight / np.maximum(1.0 - weight, 1e-6)
+    squared = squared_frequency(weight)
     return -(squared / (1.0 + squared * frame_dt**2))[:, None] * (offset + frame_dt * v + frame_dt**2 * acceleration)
+
+
+def squared_frequency(weight: np.ndarray) -> np.ndarray:
+    """omega² [1/s²] of the springs of soft pins with weights w (N,) in 0..1: omega = SOFT sqrt(w / (1 - w))."""
+    return SOFT**2 * weight / np.maximum(1.0 - weight, 1e-6)
 
 
 def particles_at(vertices: np.ndarray, particles: Particles) -> np.ndarray:

@@ -24,7 +24,7 @@ from .coarser import Ridden, coarser_sheet
 from .fill import connected_parts
 from .forces import Push
 from .in_field import Surroundings
-from .pins import SOFT, read_pin_path, read_pins, read_weights
+from .pins import read_pin_path, read_pins, read_weights, squared_frequency
 from .voxels import enclosed_room
 
 
@@ -105,7 +105,7 @@ def enter(
         hold = np.zeros(len(used))
         np.maximum.at(hold, vertex.ravel()[pins], weights)
         pinned = hold >= 1.0
-        spring = np.where(pinned, 0.0, SOFT**2 * hold / np.maximum(1.0 - hold, 1e-6))
+        spring = np.where(pinned, 0.0, squared_frequency(hold))
         if body.pin_path is not None:
             every = np.zeros((frames + 1, len(used), 3))
             every[:, vertex.ravel()[pins]] = read_pin_path(base_dir / body.pin_path, path, frames)
@@ -141,7 +141,7 @@ def enter_recovered(body: BodyEdit, filmed: Body, recovery: Recovery, base_dir: 
         pins = read_pins(path, len(x), "particles")
         hold[pins] = 1.0 if body.pin_weights is None else read_weights(base_dir / body.pin_weights, path)
     pinned |= hold >= 1.0
-    spring = np.where(pinned, 0.0, SOFT**2 * hold / np.maximum(1.0 - hold, 1e-6))
+    spring = np.where(pinned, 0.0, squared_frequency(hold))
     known = None if body.material is not None else filmed.sheet
     area = float(triangle_areas(x, faces)[0].sum())
     shell = shell_of(x, faces, sheet_of(body, area, known), pinned=pinned, spring=spring)

@@ -20,6 +20,7 @@ from ...mpm.model import Model
 from ...mpm.model_for import model_for
 from ...mpm.rollout import advance
 from ...mpm.state import State
+from ...observe.object.sheet.mesh import edges_of
 from ...progress import Journal, NoProgress, Progress
 from ...records import Body, Particles, Recovery
 from ...settings import Edit
@@ -27,9 +28,9 @@ from ..journal import Arrays
 from ..wind.motion import Sail, advance_in_wind
 from ..wind.surface import BodySurface, mesh_surface
 from . import sheets
-from .actors import FASTEST, MOST_SCALED, Actor, enter_all
+from .actors import FASTEST, Actor, enter_all
 from .forces import read_forces
-from .in_field import Reach, Surroundings, read_place
+from .in_field import Reach, Surroundings, read_place, strengths
 from .obstacles import colliders_of
 from .pins import pull_back
 
@@ -89,20 +90,8 @@ def simulate_bodies(
     """
     if not edit.body:
         raise UsageError("The edit has no body.", "Add one with a name and a mesh.")
-    strength = _strengths(edit.field_strength, field.frames)
-    if not np.linalg.norm(edit.gravity) <= FASTEST:
-        raise UsageError(f"gravity is {edit.gravity}.", f"Give three numbers in m/s², {FASTEST:g} together at most.")
-    colliders = colliders_of(edit.collider, Path(base_dir), field.frames)
-    forces = None if edit.forces is None else read_forces(Path(base_dir) / edit.forces, field.frames).after(edit.preroll)
-    entered = enter_all(edit, field, recovered, Path(base_dir))
-    if not 0 <= edit.preroll <= MOST_PREROLL:
-        raise UsageError(f"preroll is {edit.preroll}.", f"Give 0 to {MOST_PREROLL} frames.")
-    entered = [_early(one, edit.preroll) for one in entered]
-    place = None if edit.field_place is None else read_place(Path(base_dir) / edit.field_place, field.frames)
-    colliders = [one.delayed(edit.preroll) if isinstance(one, MeshCollider) else one for one in colliders]
-    around = Surroundings(
-        field, strength, edit.gravity, colliders, forces, edit.preroll, place, Reach.of(edit), edit.coarseness, edit.frames
-    )
+    around = _surroundings(edit, field, Path(base_dir))
+    entered = [_early(one, edit.preroll) for one in enter_all(edit, field, recovered, Path(base_dir))]
     actors = [actor for actor in entered if isinstance(actor, Actor)]
     shells = [[actor] for actor in entered if isinstance(actor, sheets.Hanging)]
     groups: list[Sequence[Actor | sheets.Hanging]] = [*([actors] if edit.contact and actors else [[one] for one in actors]), *shells]
@@ -116,14 +105,32 @@ def simulate_bodies(
             where = {key: getattr(error, key) for key in ("frame", "substep", "particle", "quantity")}
             raise SimulationError(f"{names}: {error.message}", error.hint, **where) from error
         for actor, body, x in moved:
-            torn = _torn_note(body.vertices, body.triangles, edit.preroll)
-            beyond = forces.outside_note(x[edit.preroll :]) if forces is not None else []
-            # the worst first
-            remarks = [*torn, *around.place_notes(x[edit.preroll :]), *beyond, *body.notes, *_short_note(edit.frames, field.frames)]
-            for note in remarks:
+            shown = done[actor.edit.name] = _shown(body, x, around, edit)
+            for note in shown.notes:
                 progress.warn(f"{actor.edit.name}: {note}")
-            done[actor.edit.name] = dataclasses.replace(body, vertices=body.vertices[edit.preroll :], notes=remarks)
     return {body.name: done[body.name] for body in edit.body}
+
+
+def _surroundings(edit: Edit, field: ForceField, folder: Path) -> Surroundings:
+    """What acts on the bodies of an edit whose paths are relative to `folder`. Raises UsageError for what does not fit the field."""
+    strength = strengths(edit.field_strength, field.frames)
+    if not np.linalg.norm(edit.gravity) <= FASTEST:
+        raise UsageError(f"gravity is {edit.gravity}.", f"Give three numbers in m/s², {FASTEST:g} together at most.")
+    if not 0 <= edit.preroll <= MOST_PREROLL:
+        raise UsageError(f"preroll is {edit.preroll}.", f"Give 0 to {MOST_PREROLL} frames.")
+    colliders = colliders_of(edit.collider, folder, field.frames)
+    colliders = [one.delayed(edit.preroll) if isinstance(one, MeshCollider) else one for one in colliders]
+    forces = None if edit.forces is None else read_forces(folder / edit.forces, field.frames).after(edit.preroll)
+    place = None if edit.field_place is None else read_place(folder / edit.field_place, field.frames)
+    return Surroundings(field, strength, edit.gravity, colliders, forces, edit.preroll, place, Reach.of(edit), edit.coarseness, edit.frames)
+
+
+def _shown(body: Simulated, x: np.ndarray, around: Surroundings, edit: Edit) -> Simulated:
+    """The body without the frames of the preroll, and with the notes on its path x (T+1, N, 3) [m], the worst first."""
+    torn, within = _torn_note(body.vertices, body.triangles, edit.preroll), x[edit.preroll :]
+    beyond = around.forces.outside_note(within) if around.forces is not None else []
+    notes = [*torn, *around.place_notes(within), *beyond, *body.notes, *_short_note(edit.frames, around.field.frames)]
+    return dataclasses.replace(body, vertices=body.vertices[edit.preroll :], notes=notes)
 
 
 def _early(one: Actor | sheets.Hanging, lead: int) -> Actor | sheets.Hanging:
@@ -153,16 +160,6 @@ def _move_group(
             notes = [*notes, "a shell does not push other bodies, and they do not push it"]
         moved.append((one, Simulated(one.follow(x), one.triangles, len(one.shell.mass), notes, shell=True), x))
     return moved
-
-
-def _strengths(strength: float | tuple[float, ...], frames: int) -> np.ndarray:
-    values = np.atleast_1d(np.asarray(strength, dtype=np.float64))
-    if len(values) not in (1, frames) or not (np.abs(values) <= MOST_SCALED).all():
-        raise UsageError(
-            f"field_strength has {len(values)} values for {frames} frames, the largest {np.abs(values).max(initial=0.0):g}.",
-            f"Give one number, or one per frame, up to {MOST_SCALED:g}.",
-        )
-    return np.broadcast_to(values, (frames,))
 
 
 # -- the motion -------------------------------------------------------------------------------------------------------------------
@@ -290,7 +287,7 @@ def _short_note(asked: int | None, frames: int) -> list[str]:
 
 def _torn_note(vertices: np.ndarray, triangles: np.ndarray, lead: int) -> list[str]:
     """A note if an edge of the surface grew to more than `TORN` times its length; vertices: (lead + T + 1, V, 3) [m]."""
-    edges = np.unique(np.sort(np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1), axis=0)
+    edges = edges_of(triangles)
     length = np.linalg.norm(vertices[:, edges[:, 0]] - vertices[:, edges[:, 1]], axis=-1)
     # The median sets a lower bound: an edge that starts with almost no length would look torn.
     worst = (length / np.maximum(length[0], 0.25 * np.median(length[0]))).max(axis=1)

@@ -7,7 +7,7 @@ import pytest
 
 from seeing_wind.engine.errors import UsageError
 from seeing_wind.engine.mpm.lattice.closed_mesh import signed_volume
-from seeing_wind.engine.recovery.resimulate.fill import fill
+from seeing_wind.engine.recovery.resimulate.fill import COUNT, fill
 from seeing_wind.engine.recovery.resimulate.mesh import load_mesh
 
 trimesh = pytest.importorskip("trimesh")
@@ -69,11 +69,12 @@ def test_volumes_sum_to_the_closed_mesh(shape):
         "ring": lambda: trimesh.creation.torus(0.3, 0.1),
         "two": lambda: trimesh.util.concatenate([trimesh.creation.box((0.1,) * 3), small]),
     }[shape]()
-    particles = fill(mesh.vertices, mesh.faces, count=1500).particles
+    particles = fill(mesh.vertices, mesh.faces).particles
     assert particles.volume.sum() == pytest.approx(mesh.volume, rel=1e-9)
-    assert 1000 < len(particles.x) < 2200
+    assert 0.7 * COUNT < len(particles.x) < 1.4 * COUNT
     assert particles.volume.mean() == pytest.approx(particles.spacing**3, rel=0.2)
-    np.testing.assert_allclose(particles.x.mean(0), mesh.center_mass, atol=0.7 * particles.spacing)
+    centre = np.average(particles.x, axis=0, weights=particles.volume)
+    np.testing.assert_allclose(centre, mesh.center_mass, atol=0.7 * particles.spacing)
 
 
 def test_inside_follows_the_shape_of_a_ball():
@@ -95,7 +96,7 @@ def test_a_hollow_ball_is_filled_in_its_wall_only():
 
 def test_an_open_sheet_becomes_a_shell_of_two_layers(sheet):
     vertices, triangles = sheet(0.3, 0.2)
-    filling = fill(vertices, triangles, count=2000)
+    filling = fill(vertices, triangles)
     particles = filling.particles
     assert 1300 < len(particles.x) < 2800
     assert particles.volume.sum() == pytest.approx(0.06 * 2 * particles.spacing, rel=1e-9)
@@ -115,15 +116,15 @@ def test_every_part_gets_particles_and_seams_do_not_open_a_mesh():
     box, crumb = trimesh.creation.box((0.2,) * 3), trimesh.creation.box((0.01,) * 3).apply_translation((0.5, 0, 0))
     mesh = trimesh.util.concatenate([box, crumb])
     soup = mesh.vertices[mesh.faces].reshape(-1, 3)  # every triangle with corners of its own
-    particles = fill(soup, np.arange(len(soup)).reshape(-1, 3), count=1000).particles
+    particles = fill(soup, np.arange(len(soup)).reshape(-1, 3)).particles
     assert (particles.x[:, 0] > 0.4).any()
     assert particles.volume.sum() == pytest.approx(mesh.volume, rel=1e-6)
 
 
 def test_what_cannot_be_filled_is_refused(sheet):
     vertices, triangles = sheet(0.3, 0.2)
-    with pytest.raises(UsageError, match="positive|filled"):
-        fill(vertices, triangles, count=0)
+    with pytest.raises(UsageError, match="0 m apart"):
+        fill(vertices, triangles, spacing=0.0)
     with pytest.raises(UsageError, match="no area"):
         fill(vertices * [1, 0, 0], triangles)
 
@@ -150,10 +151,10 @@ def broken_boxes() -> dict[str, tuple[np.ndarray, np.ndarray]]:
 @pytest.mark.parametrize("kind", ["faces turned", "a face missing", "a wall inside"])
 def test_what_is_no_proper_solid_is_filled_where_it_encloses_something(kind):
     vertices, faces = broken_boxes()[kind]
-    filling = fill(vertices, faces, count=1500)
+    filling = fill(vertices, faces)
     particles = filling.particles
     assert particles.volume.sum() == pytest.approx(0.2 * 0.3 * 0.1, rel=0.05)
-    assert 1000 < len(particles.x) < 2200
+    assert 0.7 * COUNT < len(particles.x) < 1.4 * COUNT
     np.testing.assert_allclose(np.ptp(particles.x, axis=0), [0.2, 0.3, 0.1], atol=2.1 * particles.spacing)
     assert any("not a closed solid" in note for note in filling.notes) and not any("shell" in note for note in filling.notes)
 
@@ -161,7 +162,7 @@ def test_what_is_no_proper_solid_is_filled_where_it_encloses_something(kind):
 def test_an_open_bowl_holds_nothing():
     box = trimesh.creation.box((0.2, 0.2, 0.2)).subdivide()
     faces = np.array(box.faces)[np.array(box.triangles_center)[:, 2] < 0.09]
-    filling = fill(np.array(box.vertices), faces, count=1500)
+    filling = fill(np.array(box.vertices), faces)
     distance = np.abs(np.abs(filling.particles.x) - 0.1).min(axis=1)
     assert distance.max() < filling.particles.spacing, "particles only along the walls"
     assert any("filled as a layer" in note for note in filling.notes), "it is no shell, which the edit may have refused"
@@ -170,7 +171,7 @@ def test_an_open_bowl_holds_nothing():
 def test_a_sheet_beside_a_broken_solid_stays_a_sheet(sheet):
     vertices, faces = broken_boxes()["faces turned"]
     flag, triangles = sheet(0.3, 0.2)
-    filling = fill(np.concatenate([vertices, flag + [0.2, 0.0, 0.0]]), np.concatenate([faces, triangles + len(vertices)]), count=1500)
+    filling = fill(np.concatenate([vertices, flag + [0.2, 0.0, 0.0]]), np.concatenate([faces, triangles + len(vertices)]))
     beyond = filling.particles.x[:, 0] > 0.15
     assert beyond.sum() > 100 and np.abs(filling.particles.x[beyond, 1]).max() < filling.particles.spacing
     assert filling.particles.volume[~beyond].sum() == pytest.approx(0.006, rel=0.05)
