@@ -146,6 +146,14 @@ def pixels_of(mask: np.ndarray) -> np.ndarray:
     return np.stack([columns, rows], axis=1).astype(float)
 
 
+def at_pixels(mask: np.ndarray, xy: np.ndarray) -> np.ndarray:
+    """Values (...,) of a mask (H, W) bool at the pixels nearest to xy (..., 2); False outside the frame and where xy is not finite."""
+    column, row = np.moveaxis(np.round(np.where(np.isfinite(xy), xy, -1.0)).astype(int), -1, 0)
+    height, width = mask.shape
+    within = (row >= 0) & (row < height) & (column >= 0) & (column < width)
+    return within & mask[np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)]
+
+
 def at_rim(mask: np.ndarray) -> bool:
     """Whether a mask (H, W) bool reaches the frame's edge."""
     return bool(mask[0].any() or mask[-1].any() or mask[:, 0].any() or mask[:, -1].any())

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.errors import TakeError
-from seeing_wind.engine.masks import Masks, areas
+from seeing_wind.engine.masks import Masks, areas, at_pixels
 from seeing_wind.engine.record_arrays import from_arrays, to_arrays
 from seeing_wind.engine.take import Take
 
@@ -65,3 +65,10 @@ def test_content_that_is_none_is_refused(content: bytes) -> None:
         broken[0]
     with pytest.raises(ValueError, match="no masks"):
         Masks.of([])
+
+
+def test_a_mask_is_looked_up_at_the_nearest_pixel_and_holds_nothing_beyond_the_frame():
+    mask = np.zeros((4, 6), bool)
+    mask[1, 5] = True
+    xy = np.array([[[5.4, 0.6], [4.4, 1.0]], [[5.6, 1.0], [-1.0, 1.0]], [[np.nan, 1.0], [np.inf, 1.0]]])
+    np.testing.assert_array_equal(at_pixels(mask, xy), [[True, False], [False, False], [False, False]])

@@ -10,7 +10,7 @@ from ..observe.object.motion.control import attach
 from ..observe.object.shape.relief import MAX_SLANT
 from ..observe.object.shape.visibility import seen_surface
 from ..records import Attachment, Body, Camera, Gaussians
-from .gaussians import COUNT, FLATTENING, INITIAL_OPACITY, INITIAL_SIGMA, SH0
+from .gaussians import COUNT, FLATTENING, INITIAL_OPACITY, INITIAL_SIGMA, SH0, axes_of
 
 COVERED = 1.2
 """A place is covered if a Gaussian on the same side of the surface lies within this many times the spacing of the new Gaussians."""
@@ -42,7 +42,7 @@ def cover_bare_surface(
     fresh = np.zeros(len(size), bool)
     if len(size):
         out = APART * float(np.median(size[:, 0]))
-        normals = Rotation.from_quat(gaussians.rotation[:, [1, 2, 3, 0]]).as_matrix()[:, :, 2]
+        normals = axes_of(gaussians)[:, :, 2]
         fresh = cKDTree(gaussians.x + out * normals).query(seen.place + out * seen.normal)[0] > COVERED * size[:, 0]
     place, size, pixel = seen.place[fresh], size[fresh], seen.pixel[fresh]
     rotation = Rotation.from_matrix(frames[fresh]).as_quat()[:, [3, 0, 1, 2]] if len(place) else np.zeros((0, 4))

@@ -6,12 +6,11 @@ import dataclasses
 from collections.abc import Iterable
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ..observe.object.motion.control import attach
 from ..records import Attachment, Camera, Gaussians
 from .covering import joined
-from .gaussians import blended_gradients
+from .gaussians import axes_of, blended_gradients
 
 LIMIT = 1.0
 """Standard deviation [px] up to which a Gaussian is not split: finer ones take time and show no more."""
@@ -30,7 +29,7 @@ def finer(gaussians: Gaussians, particles_x: np.ndarray, camera: Camera, motion:
     Returns:
         Gaussians at rest, attached to the particles: those that are not split, in their order, then the parts of the others.
     """
-    axes = Rotation.from_quat(gaussians.rotation[:, [1, 2, 3, 0]]).as_matrix() * gaussians.scale[:, None, :]
+    axes = axes_of(gaussians) * gaussians.scale[:, None, :]
     long = np.argsort(gaussians.scale, axis=1)[:, 1:]
     arms = np.take_along_axis(axes, long[:, None, :], axis=2)
     wide = np.zeros(long.shape, bool)

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from scipy.spatial.transform import Rotation
 
 from ..field.optimisers import Adam
 from ..field.torch_threads import one_torch_thread
@@ -17,7 +16,7 @@ from ..observe.object.shape.relief import clean_mask
 from ..progress import Progress
 from ..records import Body, Camera, Gaussians, Observation
 from .covering import cover_bare_surface, joined
-from .gaussians import SH0, Crop, pixel_aligned
+from .gaussians import SH0, Crop, axes_of, pixel_aligned
 from .splatting import Tiles, blend, project, tiles_of
 
 POOR_LOOK = 25.0
@@ -72,7 +71,7 @@ def fit(gaussians: Gaussians, views: Sequence[View], progress: Progress, iterati
         the Gaussians and their PSNR inside the first view's mask [dB], rendered over the background.
     """
     targets = [_target(view) for view in views]
-    axes = torch.from_numpy(_axes(gaussians)).float()
+    axes = torch.from_numpy(axes_of(gaussians)).float()
     x = torch.from_numpy(gaussians.x).float()
     limit = torch.log(torch.from_numpy(gaussians.scale).float()) + float(np.log(4.0))
     scale = torch.log(torch.from_numpy(gaussians.scale).float()).requires_grad_()
@@ -121,11 +120,6 @@ def fit(gaussians: Gaussians, views: Sequence[View], progress: Progress, iterati
         sh=sh.detach().double().numpy()[:, None],
     )
     return fitted, quality
-
-
-def _axes(gaussians: Gaussians) -> np.ndarray:
-    """(G, 3, 3) the unit axes of the Gaussians as columns."""
-    return Rotation.from_quat(gaussians.rotation[:, [1, 2, 3, 0]]).as_matrix()
 
 
 def _psnr(error: torch.Tensor, cover: torch.Tensor) -> float:

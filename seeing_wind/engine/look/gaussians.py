@@ -100,8 +100,13 @@ def blended_gradients(gaussians: Gaussians, F: np.ndarray) -> np.ndarray:
 
 def rest_covariances(gaussians: Gaussians) -> np.ndarray:
     """Sigma^0 = R S² R^T, (G, 3, 3) [m²]."""
-    axes = Rotation.from_quat(gaussians.rotation[:, [1, 2, 3, 0]]).as_matrix() * gaussians.scale[:, None, :]
+    axes = axes_of(gaussians) * gaussians.scale[:, None, :]
     return axes @ axes.transpose(0, 2, 1)
+
+
+def axes_of(gaussians: Gaussians) -> np.ndarray:
+    """(G, 3, 3) the unit axes of the Gaussians as columns."""
+    return Rotation.from_quat(gaussians.rotation[:, [1, 2, 3, 0]]).as_matrix()
 
 
 def _colours(image: np.ndarray, mask: np.ndarray, xy: np.ndarray, stride: float) -> np.ndarray:

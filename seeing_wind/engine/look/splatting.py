@@ -13,6 +13,7 @@ import numpy as np
 import torch
 
 from ..field.torch_threads import one_torch_thread
+from ..observe.object.shape.visibility import counted
 from ..records import Camera, Gaussians
 from .gaussians import covariances, rest_covariances
 from .harmonics import seen_colours
@@ -81,8 +82,7 @@ def tiles_of(mean: torch.Tensor, covariance: torch.Tensor, depth: torch.Tensor, 
     last = np.minimum(last, [across - 1, down - 1])
     spans = np.maximum(last - first + 1, 0)
     covers = np.where(far > NEAR, spans.prod(axis=1), 0)
-    owner = np.repeat(np.arange(len(covers)), covers)
-    within = np.arange(len(owner)) - np.repeat(np.cumsum(covers) - covers, covers)
+    owner, within = counted(covers)
     tile = (first[owner, 1] + within // spans[owner, 0]) * across + first[owner, 0] + within % spans[owner, 0]
     order = np.lexsort((far[owner], tile))
     owner, tile = owner[order], tile[order]

@@ -17,7 +17,18 @@ Franca 1989, "An algorithm to compute the square root of a 3x3 positive definite
 
 from ..compiler import ti
 from ..compiler.precision import is_double
-from .eigen import adjugate, column, from_columns, full, left_cauchy_green, plus_identity, squared, symmetric_part, times_columns
+from .eigen import (
+    adjugate,
+    column,
+    from_columns,
+    full,
+    left_cauchy_green,
+    plus_identity,
+    squared,
+    symmetric_part,
+    symmetric_times,
+    times_columns,
+)
 from .plasticity import PLASTIC_LAWS, hencky, hencky_both_ways
 
 COROTATED = 0
@@ -146,14 +157,6 @@ def axial_of_product(S, V):
             S[0] * V[4] + S[5] * V[3] + S[4] * V[2] - S[4] * V[0] - S[3] * V[5] - S[2] * V[4],
             S[5] * V[0] + S[1] * V[5] + S[3] * V[4] - S[0] * V[5] - S[5] * V[1] - S[4] * V[3],
         ]
-    )
-
-
-@ti.func
-def symmetric_times(S, b):
-    """S b for symmetric S (6,)."""
-    return ti.Vector(
-        [S[0] * b[0] + S[5] * b[1] + S[4] * b[2], S[5] * b[0] + S[1] * b[1] + S[3] * b[2], S[4] * b[0] + S[3] * b[1] + S[2] * b[2]]
     )
 
 

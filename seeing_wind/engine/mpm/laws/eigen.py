@@ -140,6 +140,14 @@ def quadratic(X, c):
 
 
 @ti.func
+def symmetric_times(S, b):
+    """S b for symmetric S (6,)."""
+    return ti.Vector(
+        [S[0] * b[0] + S[5] * b[1] + S[4] * b[2], S[5] * b[0] + S[1] * b[1] + S[3] * b[2], S[4] * b[0] + S[3] * b[1] + S[2] * b[2]]
+    )
+
+
+@ti.func
 def relative_deviator(B):
     """m (scalar), X (6,) and |X| of a positive definite B = m (I + X) with traceless X."""
     m = (B[0] + B[1] + B[2]) / 3.0
@@ -187,13 +195,7 @@ def eigenvectors(X, apart):
     b = u[0] * u[1] * a
     v = ti.Vector([1.0 + side * u[0] * u[0] * a, side * b, -side * u[0]])
     w = ti.Vector([b, side + u[1] * u[1] * a, -u[1]])
-    Xv = ti.Vector(
-        [
-            X[0] * v[0] + X[5] * v[1] + X[4] * v[2],
-            X[5] * v[0] + X[1] * v[1] + X[3] * v[2],
-            X[4] * v[0] + X[3] * v[1] + X[2] * v[2],
-        ]
-    )
+    Xv = symmetric_times(X, v)
     vv, vw = v.dot(Xv), w.dot(Xv)
     half = vv + 0.5 * apart
     radius = ti.sqrt(half * half + vw * vw)

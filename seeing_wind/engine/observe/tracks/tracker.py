@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from ...masks import at_pixels
 from ...record_arrays import from_arrays, to_arrays
 from ..mask.cutting import widened
 from ..mask.motion import Flow, middle_of
@@ -277,8 +278,4 @@ class Tracker:
 
     @staticmethod
     def _on_object(xy: np.ndarray, mask: np.ndarray) -> np.ndarray:
-        height, width = mask.shape
-        near = widened(mask, 2)
-        column, row = np.round(xy[:, 0]).astype(int), np.round(xy[:, 1]).astype(int)
-        inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
-        return inside & near[np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)]
+        return at_pixels(widened(mask, 2), xy)

@@ -15,6 +15,7 @@ from scipy.spatial import Delaunay, cKDTree
 
 from ....progress import Progress
 from ....records import Camera, Observation, Surface
+from ..shape.visibility import normals_of
 from .keypoints import held
 from .pose import BodyPose
 from .views import surface_points
@@ -130,8 +131,7 @@ def _squarely(rest: np.ndarray, surface: Surface, moved: np.ndarray, camera: Cam
     It is the mean over triangles near the point, because the normals of a rough surface scatter.
     """
     corners = moved[surface.triangles]
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-15)
+    normal = normals_of(corners)
     ray = corners.mean(axis=1) - camera.pose(frame)[:3, 3]
     cosine = -(normal * ray).sum(axis=1) / np.linalg.norm(ray, axis=1)
     facing = np.flatnonzero(cosine > 0.0)

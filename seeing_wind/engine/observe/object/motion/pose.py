@@ -14,6 +14,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
+from ....masks import at_pixels
 from ....records import Camera
 from .control import attach
 from .lifting import EDGE_SIGMA, best_rotations, neighbour_edges, rigidity
@@ -191,9 +192,7 @@ class BodyPose:
         distance, near = cKDTree(seen).query(few)
         use = distance < OUTLINE_REACH
         pulls = [_Pull(self._weight[near[use]], few[use], normal(few[use]), np.full(int(use.sum()), OUTLINE_SIGMA))]
-        column, row = np.round(np.nan_to_num(seen)).astype(int).T
-        within = (column >= 0) & (column < width) & (row >= 0) & (row < height)
-        out = within & ~mask[np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)]
+        out = at_pixels(~mask, seen)
         if out.any():
             target = outline[cKDTree(outline).query(seen[out])[1]]
             pulls.append(_Pull(self._weight[out], target, normal(target), np.full(int(out.sum()), OUTLINE_SIGMA)))

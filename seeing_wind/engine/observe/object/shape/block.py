@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
-from ....masks import pixels_of
+from ....masks import at_pixels, pixels_of
 from ....records import Camera
 
 FLATNESS = 0.02
@@ -135,10 +135,7 @@ class Block:
     def _at(self, image: np.ndarray, points: np.ndarray) -> np.ndarray:
         """Values (...,) of `image` (H, W) bool at the pixels where points (..., 3) [m] are seen; False outside the frame."""
         xy, depth = self.camera.project(points)
-        column, row = (np.round(np.where(depth > 0.0, xy[..., axis], -1.0)).astype(int) for axis in range(2))
-        height, width = image.shape
-        within = (row >= 0) & (row < height) & (column >= 0) & (column < width)
-        return within & image[np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)]
+        return at_pixels(image, np.where(depth[..., None] > 0.0, xy, -1.0))
 
 
 def find_block(front: np.ndarray, mask: np.ndarray, camera: Camera) -> Block | None:

@@ -84,12 +84,17 @@ def _finer(image: np.ndarray, mask: np.ndarray, step: int, shape: tuple[int, int
     return ndimage.map_coordinates(filled(image, mask), np.indices(shape) / step, order=1, mode="nearest")
 
 
+def from_rim(mask: np.ndarray) -> np.ndarray:
+    """Distance (H, W) [px] of the pixels of a silhouette (H, W) bool from its rim, which runs along the frame too; -0.5 outside."""
+    return np.asarray(ndimage.distance_transform_edt(np.pad(mask, 1))[1:-1, 1:-1] - 0.5)
+
+
 def balls(mask: np.ndarray) -> Balls:
     """The balls in a silhouette `mask` (H, W) bool.
 
     half² = max over centres c of radius(c)² - |pixel - c|², computed as a distance transform with parabolas, one axis after the other.
     """
-    rim = np.where(mask, ndimage.distance_transform_edt(np.pad(mask, 1))[1:-1, 1:-1] - 0.5, 0.0)
+    rim = np.where(mask, from_rim(mask), 0.0)
     square, radius = np.where(mask, rim**2, -np.inf), rim
     for axis in (0, 1):
         best, of = square.copy(), radius.copy()

@@ -20,7 +20,7 @@ from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
 from ....masks import pixels_of
-from .inflate import balls
+from .inflate import balls, from_rim
 
 CARRIES = 0.5
 """Radius along the load's path, in units of the widest circle's, from which it is in the head and no longer in the stem."""
@@ -69,7 +69,7 @@ def parts_of(mask: np.ndarray, held: np.ndarray) -> Parts | None:
     foot = held & mask
     if not foot.any():
         return None
-    rim = np.where(mask, ndimage.distance_transform_edt(np.pad(mask, 1))[1:-1, 1:-1] - 0.5, 0.0)
+    rim = np.where(mask, from_rim(mask), 0.0)
     widest = np.unravel_index(int(rim.argmax()), rim.shape)
     largest = float(rim[widest])
     way = _way(mask, rim, foot, widest)

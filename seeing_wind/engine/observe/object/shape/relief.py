@@ -26,7 +26,7 @@ from ....masks import pixels_of
 from ....records import Camera, Observation
 from ...clip.depth import filled, nearest_known
 from .block import Block, find_block
-from .inflate import LEAK, balls, inflate
+from .inflate import LEAK, balls, from_rim, inflate
 from .parts import Parts, parts_of
 
 MIN_PIXELS = 16
@@ -123,7 +123,7 @@ def relief_of(observation: Observation, thickness: float | None = None) -> Relie
     mask = clean_mask(observation.masks[0])
     front, flat = _front(observation, mask)
     camera = observation.camera
-    rim = ndimage.distance_transform_edt(np.pad(mask, 1))[1:-1, 1:-1] - 0.5
+    rim = from_rim(mask)
     # The outline of a solid body is seen at the depth of its rim, not at that of its nearest point.
     band = mask & (rim > LEAK) & (rim < 0.05 * rim.max() + LEAK + 1.0)
     metre_per_pixel = float(np.median(front[band if band.any() else mask])) / np.sqrt(camera.fx * camera.fy)

@@ -65,14 +65,25 @@ def seen_surface(vertices: np.ndarray, triangles: np.ndarray, camera: Camera, fr
         return np.einsum("sa,sab->sb", w / w.sum(axis=1, keepdims=True), at_rest[owner])
 
     here, columns = place(w), inverse[owner]
-    across = np.cross(at_rest[:, 1] - at_rest[:, 0], at_rest[:, 2] - at_rest[:, 0])
     return Seen(
         pixel=pixel,
         place=here,
         right=(place(w + SHIFT / camera.fx * columns[:, :, 0]) - here) / SHIFT,
         down=(place(w + SHIFT / camera.fy * columns[:, :, 1]) - here) / SHIFT,
-        normal=(across / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-15))[owner],
+        normal=normals_of(at_rest)[owner],
     )
+
+
+def normals_of(corners: np.ndarray) -> np.ndarray:
+    """(M, 3) unit normals of triangles with the corners (M, 3, 3); zero for those without area."""
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-15)
+
+
+def counted(counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """For lists of `counts` (L,) entries each, one after another: the list of each entry, and its place in it, both (sum,)."""
+    owner = np.repeat(np.arange(len(counts)), counts)
+    return owner, np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)
 
 
 def _candidates(corners: np.ndarray, camera: Camera, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -84,8 +95,7 @@ def _candidates(corners: np.ndarray, camera: Camera, mask: np.ndarray) -> tuple[
     last = np.clip(np.floor(xy.max(axis=1)), -1, [width - 1, height - 1]).astype(int)
     spans = np.maximum(last - first + 1, 0)
     counts = spans.prod(axis=1)
-    owner = np.repeat(np.arange(len(corners)), counts)
-    within = np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)
+    owner, within = counted(counts)
     pixel = first[owner] + np.stack([within % spans[owner, 0], within // spans[owner, 0]], axis=1)
     inside = mask[pixel[:, 1], pixel[:, 0]]
     return owner[inside], pixel[inside]
