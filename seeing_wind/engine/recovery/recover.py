@@ -14,7 +14,6 @@ from ..conventions import NO_GRAVITY
 from ..errors import ObjectError, UsageError
 from ..field.torch_threads import one_torch_thread
 from ..materials import LIMITS, PLASTIC_LAWS
-from ..mpm.laws.constitutive import LAWS
 from ..mpm.model import Model
 from ..mpm.model_for import model_for
 from ..progress import Journal, Progress
@@ -64,7 +63,7 @@ def recover(
             for a known body if this one is not held.
         ObjectError: for fewer than three frames, a body that cannot be simulated (all held, particles in one place), or points that no
             force explains.
-        SimulationError: when the simulation breaks down even at the start.
+        SimulationError: when the simulation breaks down even at the start. MaterialError: for a law that the solver does not have.
     """
     began = time.monotonic()
     check_body(particles, fps)
@@ -78,9 +77,6 @@ def recover(
     channels = [channels_of(particles, one, plastic) for one in sources]
     notes = [DRAFT] if settings.iterations == 1 else []
     notes += [] if moving is None else [moving_clamp_remark(moving)]
-    if material.law not in LAWS:
-        notes.append(f"{material.name}: the solver has no law {material.law}; the force was recovered as if the body were elastic.")
-        material = replace(material, law="corotated")
     model, model_notes = _model(particles, material, channels, fps, settings, plastic)
     objective, borne = Objective(channels), None
     if any(settings.gravity) and particles.pinned.any() and not plastic and bears_weight(model, particles.x, objective):

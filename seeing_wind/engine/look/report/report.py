@@ -53,8 +53,7 @@ def write_report(
     """
     sampled = sample_points(field, recovery.x[:-1])
     confidence = sampled[1]
-    figures = _figures(body.particles, body.material, recovery, field, confidence, seconds, expected, settings)
-    _add_wind(figures, wind)
+    figures = _figures(body.particles, body.material, recovery, field, confidence, seconds, expected, settings, wind)
     figures["clip"] = {"path": observation.clip, "first_frame": observation.first_frame, "tracks": int(observation.xy.shape[1])}
     products = Products(level, progress, journal)
     figures["report"] = products.record
@@ -98,8 +97,7 @@ def write_trajectory_report(
 ) -> dict[str, Any]:
     """Write report.json and report.png of a recovery from 3D trajectories, which has no clip to draw on. Otherwise as `write_report`."""
     confidence = sample_points(field, recovery.x[:-1])[1]
-    figures = _figures(particles, material, recovery, field, confidence, seconds, expected, settings)
-    _add_wind(figures, wind)
+    figures = _figures(particles, material, recovery, field, confidence, seconds, expected, settings, wind)
     products = Products(level, progress, Journal())
     figures["report"] = products.record
     if level != "none":
@@ -145,6 +143,7 @@ def _figures(
     seconds: dict[str, float],
     expected: dict[str, float] | None,
     settings: RecoverSettings | None,
+    wind: dict[str, Any] | None,
 ) -> dict[str, Any]:
     strength = np.linalg.norm(recovery.force_density, axis=-1)
     net = np.einsum("tnc,n->tc", recovery.force_density, particles.volume)
@@ -181,13 +180,9 @@ def _figures(
         figures["expected_seconds"] = {stage: round(foreseen, 3) for stage, foreseen in expected.items()}
     if settings is not None:
         figures["settings"] = to_mapping(settings)
-    return figures
-
-
-def _add_wind(figures: dict[str, Any], wind: dict[str, Any] | None) -> None:
-    """Add the results on the wind [m/s], without its notes, which are among the recovery's."""
     if wind:
-        figures["wind"] = {key: value for key, value in wind.items() if key != "notes"}
+        figures["wind"] = {key: value for key, value in wind.items() if key != "notes"}  # its notes are among the recovery's
+    return figures
 
 
 def _residual(residual: np.ndarray) -> dict[str, float]:

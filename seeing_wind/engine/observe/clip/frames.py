@@ -102,10 +102,8 @@ def read_clip(
         if copies is None:
             copies = Copies((frame.shape[0], frame.shape[1]), resized, keep)
         elif frame.shape[:2] != copies.file:
-            raise ClipError(
-                f"Frame {index} of {path} is {_size(frame.shape)}, the first one {_size(copies.file)}.",
-                "All frames must have the same size.",
-            )
+            what = f"Frame {index} of {path} is {_size(frame.shape)}, the first one {_size(copies.file)}."
+            raise ClipError(what, "All frames must have the same size.")
         upright = cv2.cvtColor(frame, cv2.COLOR_BGR2RGB)
         copies.add(upright)
         if watch is not None:
@@ -116,9 +114,8 @@ def read_clip(
     assert copies is not None  # at least two frames, as has been checked
     rate, uneven = _rate(str(path), fps, file_fps, np.array(times))
     doubts = [uneven, combing.doubt(), *([] if is_sequence(str(path)) else container_doubts(path, rate, told=fps is not None))]
-    return Clip(
-        str(path), copies.frames, rate, first, copies.file, copies.kept, copies.own, tuple(one for one in doubts if one is not None)
-    )
+    told = tuple(one for one in doubts if one is not None)
+    return Clip(str(path), copies.frames, rate, first, copies.file, copies.kept, copies.own, told)
 
 
 class Copies:

@@ -19,6 +19,7 @@ EXPLAINS_NOTHING = "no force explains this motion"
 """Part of the note of `missed.astray`."""
 ROUGHLY = "the force follows that motion only roughly"
 """Part of the note of `missed.roughly`."""
+ALONG_VIEW = "Force along the view is low confidence from one camera: a second view, a known length or a held part would settle it."
 SUDDEN, SUDDEN_WAY = 6.0, 1e-4
 """There is a note if the largest residual exceeds both the first number times the median and the second times the largest displacement."""
 STILL = 0.02
@@ -72,9 +73,7 @@ def motion_remarks(particles: Particles, x: np.ndarray, residual: np.ndarray, vi
             "where the force changes suddenly, it is smoothed over about four frames."
         )
     if views == 1:
-        notes.append(
-            "Force along the view is low confidence from one camera: a second view, a known length or a held part would settle it."
-        )
+        notes.append(ALONG_VIEW)
     return notes
 
 

@@ -14,7 +14,7 @@ import torch
 from scipy.spatial import cKDTree
 
 from ...errors import ObjectError
-from ...masks import Masks
+from ...masks import Masks, at_pixels
 from ...records import Attachment, Camera
 from .losses import Rider, project, smooth_length
 
@@ -78,22 +78,15 @@ class FlowDepthLoss:
         """
         camera, masks, flow = self.scene.camera, self.scene.masks, self.scene.flow[frame - 1]
         start, depth = camera.project(before, frame - 1)
-        use = np.flatnonzero((depth > 0.0) & _inside(masks[frame - 1], start))
+        use = np.flatnonzero((depth > 0.0) & at_pixels(masks[frame - 1], start))
         known = np.isfinite(self.scene.lifted[frame]).all(axis=-1)
         if flow is None or not len(use) or not known.any():
             return use[:0], np.zeros((0, 2)), np.zeros(0)
         goal = start[use] + flow(start[use])
-        kept = _inside(masks[frame], goal)
+        kept = at_pixels(masks[frame], goal)
         use, goal = use[kept], goal[kept]
         anchors, distance = camera.project(self.scene.lifted[frame, known], frame)
         return use, goal, _blend(anchors, distance, goal)
-
-
-def _inside(mask: np.ndarray, xy: np.ndarray) -> np.ndarray:
-    """(K,) bool: which of the pixels (K, 2) are on the mask."""
-    column, row = np.round(np.where(np.isfinite(xy), xy, -1.0)).astype(int).T
-    inside = (column >= 0) & (row >= 0) & (column < mask.shape[1]) & (row < mask.shape[0])
-    return inside & mask[np.where(inside, row, 0), np.where(inside, column, 0)]
 
 
 def _blend(anchors: np.ndarray, values: np.ndarray, xy: np.ndarray) -> np.ndarray:

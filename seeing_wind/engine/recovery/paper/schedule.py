@@ -33,6 +33,7 @@ from ...record_arrays import from_arrays, to_arrays
 from ...records import Material, Outcome, Particles, PointTargets, Recovery
 from ...settings import RecoverSettings
 from ..diagnostics.missed import fall_of, verdict
+from ..diagnostics.remarks import ALONG_VIEW
 from ..recover import channels_of, check_body
 from ..targets.channels import views_of
 from .field import DescentField, descent_field
@@ -115,16 +116,8 @@ def recover_by_descent(
     x = np.stack([particles.x, *descent.x])
     residual = tracking.distance(x)
     in_metres = isinstance(targets, PointTargets)
-    if not in_metres and len(views) == 1:
-        notes.append(
-            "Force along the view is low confidence from one camera: a second view, a known length or a held part would settle it."
-        )
     missed = sum(misfit > FOUND for misfit in descent.misfits)
-    if missed:
-        notes.append(
-            f"In {missed} of {frames} frames the solve ended before the misfit was below {100.0 * FOUND:g} % of how far the force moves "
-            "the body in a frame."
-        )
+    notes += _remarks(0 if in_metres else len(views), missed, frames)
     acceleration = np.stack(descent.accelerations)
     fall = fall_of(particles, acceleration, x, start.velocity, fps, settings.gravity)
     notes[:0] = verdict(particles, channels, x, residual, fall)
@@ -142,6 +135,19 @@ def recover_by_descent(
         seconds=time.monotonic() - began,
         notes=notes,
     )
+
+
+def _remarks(cameras: int, missed: int, frames: int) -> list[str]:
+    """Notes on what one camera cannot show, and on the frames whose solve ended too early; `cameras` is 0 for points in 3D."""
+    notes = []
+    if cameras == 1:
+        notes.append(ALONG_VIEW)
+    if missed:
+        notes.append(
+            f"In {missed} of {frames} frames the solve ended before the misfit was below {100.0 * FOUND:g} % of how far the force moves "
+            "the body in a frame."
+        )
+    return notes
 
 
 class _Descent:

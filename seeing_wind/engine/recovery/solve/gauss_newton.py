@@ -125,18 +125,32 @@ def solve(
             promised = float(gradient @ lu_solve(damped(0.0), gradient))
             if promised < max(per_unknown * len(theta), tolerance * cost):
                 return Solution(theta, residual, cost, used, True, point)
-            for candidates in DAMPING:
-                trials = theta - np.stack([lu_solve(damped(damp), gradient) for damp in candidates])
-                missed = residuals(trials)
-                costs = cost_of(missed, trials - mean, precision)
-                best = int(np.argmin(costs))
-                if costs[best] < cost:
-                    break
-            if not costs[best] < cost:
+            step, missed, lower = _best_step(theta, gradient, damped, residuals, mean, precision, cost)
+            if not lower < cost:
                 break
-            won, cost, theta, residual = cost - costs[best], float(costs[best]), trials[best], missed[best]
+            won, cost, theta, residual = cost - lower, lower, step, missed
             if won < PACE.stale * promised:
                 break
         if used >= iterations or (used and not cost < (1.0 - tolerance) * at_start):
             return Solution(theta, residual, cost, used, False, point)
         point, before = None, point
+
+
+def _best_step(
+    theta: np.ndarray,
+    gradient: np.ndarray,
+    damped: Callable[[float], tuple[np.ndarray, np.ndarray]],
+    residuals: Residuals,
+    mean: np.ndarray,
+    precision: np.ndarray,
+    cost: float,
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Unknowns, residuals and cost after the best step of the first group in `DAMPING` that has one below `cost`, or else of the last."""
+    for candidates in DAMPING:
+        trials = theta - np.stack([lu_solve(damped(damp), gradient) for damp in candidates])
+        missed = residuals(trials)
+        costs = cost_of(missed, trials - mean, precision)
+        best = int(np.argmin(costs))
+        if costs[best] < cost:
+            break
+    return trials[best], missed[best], float(costs[best])
