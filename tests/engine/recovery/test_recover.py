@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from seeing_wind.engine.errors import ObjectError, UsageError
+from seeing_wind.engine.errors import MaterialError, ObjectError, UsageError
 from seeing_wind.engine.field.confidence import confidence_map
 from seeing_wind.engine.progress import Cancelled, NoProgress, Progress
 from seeing_wind.engine.records import Attachment, Outcome, Particles, PointTargets, TrackTargets
@@ -207,6 +207,12 @@ def test_bodies_that_cannot_be_simulated():
         recover(body, RUBBER, [], FPS, WEIGHTLESS, NoProgress())
     with pytest.raises(UsageError):
         recover(body, RUBBER, targets, 0.0, WEIGHTLESS, NoProgress())
+
+
+def test_a_law_that_the_solver_lacks_is_refused():
+    body = plate((4, 4, 3))
+    with pytest.raises(MaterialError, match="no law 'granular'"):
+        recover(body, replace(RUBBER, law="granular"), points(body, np.repeat(body.x[None], 5, axis=0)), FPS, WEIGHTLESS, NoProgress())
 
 
 def test_it_can_be_cancelled_on_the_way():

@@ -55,7 +55,7 @@ def fill(vertices: np.ndarray, triangles: np.ndarray, *, spacing: float | None =
         UsageError: for a spacing that is not positive, or a mesh without any area.
     """
     if spacing is not None and not spacing > 0.0:
-        raise UsageError(f"A mesh cannot be filled with particles {spacing:g} m apart.", "Give a distance above zero.")
+        raise UsageError(f"A mesh cannot be filled with particles {in_units(spacing, 'm')} apart.", "Give a distance above zero.")
     vertices, triangles = np.asarray(vertices, dtype=np.float64), np.asarray(triangles)
     area, cross = triangle_areas(vertices, triangles)
     if area.sum() <= 0.0:
