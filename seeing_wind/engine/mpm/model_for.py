@@ -17,7 +17,7 @@ from .courant import Part, carried_modulus, enough_substeps, most_substeps, wave
 from .damping import longest_retardation, substeps_for, with_retardation
 from .kernels.packed import MOST_NODES_ACROSS
 from .lattice.boundary import border_axes, clamped_nodes, lattice_offset, particle_roles
-from .lattice.colliders import Collider, collider_grid, collider_notes, moves
+from .lattice.colliders import Collider, ColliderGrid, collider_grid, collider_notes, moves
 from .lattice.kinematics import checked_pin_path
 from .laws.constitutive import LAWS
 from .laws.plasticity import PLASTIC_LAWS
@@ -89,11 +89,8 @@ def model_for(
     offset = lattice_offset(x, pinned, spacing, dx, colliders, depth=clamp_depth)
     clamp_lo, clamp = clamped_nodes(x, mass, pinned, offset, dx, depth=clamp_depth)
     role = particle_roles(x, pinned, offset, dx, clamp_lo, clamp, kinematic=pin_path is not None)
-    obstacles = collider_grid(colliders, offset, dx)
-    notes += collider_notes(x, colliders, obstacles, offset, dx)
-    standing = [one for one in colliders if not moves(one)]
-    movers = tuple(colliders) if len(standing) < len(colliders) else ()
-    obstacles = collider_grid(standing, offset, dx) if movers else obstacles
+    obstacles, movers, said = _obstacles(x, colliders, offset, dx)
+    notes += said
     model = Model(
         mass, volume, mu, lam, yield_stress, viscosity, law, role, clamp_lo, clamp, offset, float(dx), frame_dt, substeps,
         gravity, obstacles, movers, pin_path=path, pin_rest=None if path is None else x, clamp_depth=clamp_depth, axes=axes,
@@ -101,6 +98,18 @@ def model_for(
     if not pinned.any():  # a free body hardly shows its damping
         return model, notes
     return _with_damping(model, bodies, materials, notes), notes
+
+
+def _obstacles(
+    x: np.ndarray, colliders: Sequence[Collider], offset: np.ndarray, dx: float
+) -> tuple[ColliderGrid, tuple[Collider, ...], list[str]]:
+    """The colliders that stand still, as nodes of the lattice; all colliders if any moves, else none; notes for particles at x (N, 3)."""
+    grid = collider_grid(colliders, offset, dx)
+    notes = collider_notes(x, colliders, grid, offset, dx)
+    standing = [one for one in colliders if not moves(one)]
+    if len(standing) == len(colliders):
+        return grid, (), notes
+    return collider_grid(standing, offset, dx), tuple(colliders), notes
 
 
 def _columns(
