@@ -137,10 +137,9 @@ class Sheet:
     def __post_init__(self) -> None:
         """MaterialError: a number that is not physical."""
         for key, unit in SHEET_UNITS.items():
-            value = getattr(self, key)
+            value, what = getattr(self, key), key.replace("_", " ")
             if not (math.isfinite(value) and value > 0.0):
-                said = f"The {key.replace('_', ' ')} of a sheet is {in_units(value, unit)}."
-                raise MaterialError(said, "Give a finite number above zero.")
+                raise MaterialError(f"The {what} of a sheet is {in_units(value, unit)}.", "Give a finite number above zero.")
         if not 0.0 <= self.loss_factor <= MOST_LOSS:
             said = f"The loss factor of a sheet is {self.loss_factor:g}."
             raise MaterialError(said, f"Give from zero to {MOST_LOSS:g}.", quantity="loss_factor")
