@@ -161,7 +161,7 @@ class Clip:
         count = max(1, told_apart(self.objective.points() @ basis.phi, PRIOR.observable))
         if count < min(4, basis.phi.shape[1]):
             self.notes.append(
-                f"The observed points tell apart only {count} of the patterns in which a force can vary over the body; the rest is a guess."
+                f"The observed points determine only {count} of the patterns in which a force can vary over the body; the rest is a guess."
             )
         return basis.first(count)
 

@@ -132,7 +132,7 @@ def test_one_centroid_of_a_small_ball_gives_a_uniform_force():
     assert np.ptp(found.force_density, axis=1).max() < 1e-9
     across = [0, 2]
     assert relative(found.force_density[..., across].mean(axis=0), 400.0 * wind[..., across].mean(axis=0)) < 0.2
-    assert any("variation over the body is not known" in note for note in found.notes)
+    assert any("the rest is a guess" in note for note in found.notes)
     assert (found.deviation > 0.2 * np.abs(found.force_density).mean(axis=(1, 2))[:, None, None]).all()
 
 
