@@ -61,7 +61,7 @@ def test_a_later_block_states_more_deviation_as_it_takes_its_start_for_exact(blo
         return recover(body, RUBBER, [points(body, x)], FPS, GIVEN, NoProgress()).deviation[:, ~body.pinned]
 
     more = stated()
-    monkeypatch.setattr(sys.modules["seeing_wind.engine.recovery.clip"], "PRIOR", replace(PRIOR, later_optimism=1.0))
+    monkeypatch.setattr(sys.modules["seeing_wind.engine.recovery.kept"], "PRIOR", replace(PRIOR, later_optimism=1.0))
     posterior = stated()
     assert (more[:8] == posterior[:8]).all() and (more[8:] > posterior[8:]).all()
 

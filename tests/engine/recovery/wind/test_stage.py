@@ -113,6 +113,7 @@ def test_an_edit_that_asks_for_another_field(tmp_path, asked, says):
     take = Take(tmp_path / "force.take")
     take.prepare()
     UniformField(np.array([[-1.0, -1, -1], [1, 1, 1]]), FPS, FRAMES, np.ones(3)).save(take.file("field.safetensors"))
+    (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n")
     (tmp_path / "edit.toml").write_text(f'field = "{asked}"\n[[body]]\nname = "a"\nmesh = "a.obj"\n')
     with pytest.raises(UsageError, match=says):
         run("resimulate", take.path, "--edit", tmp_path / "edit.toml", "--take", tmp_path / "out")
