@@ -5,6 +5,7 @@ from bpy.props import BoolProperty, EnumProperty, IntVectorProperty, StringPrope
 
 from ..direct_operator import DirectOperator
 from ..property_kinds import WAYS
+from ..scene_units import refuse_other_units
 
 SAYS = {
     "SHAPE_KEYS": "shape keys", "TRANSFORM": "location and rotation", "POINT_CACHE": "point cache", "ALEMBIC": "Alembic",
@@ -29,11 +30,18 @@ class SEEING_WIND_OT_bake(DirectOperator, bpy.types.Operator):
         from .bodies import bake_bodies  # needs NumPy
 
         scene, settings = context.scene, context.scene.seeing_wind
+        if settings.field_object is not None:
+            refuse_other_units(settings.field_object, scene)
+        before = settings.bake_way, settings.bake_use_frames, tuple(settings.bake_frames)
         if self.properties.is_property_set("way"):
             settings.bake_way = self.way
         if self.properties.is_property_set("frames"):
             settings.bake_use_frames, settings.bake_frames = True, self.frames
-        done = bake_bodies(scene, self.object, self.force)
+        try:
+            done = bake_bodies(scene, self.object, self.force)
+        except Exception:
+            settings.bake_way, settings.bake_use_frames, settings.bake_frames = before
+            raise
         new = [f"{obj.name} ({SAYS[baked.way]})" for obj, baked in done if not baked.kept]
         kept = len(done) - len(new)
         said = f"Baked {', '.join(new)}" if new else "Nothing has changed since the last bake"

@@ -375,7 +375,22 @@ def test_no_body_is_baked_where_one_of_them_cannot_be(workplace, recovered) -> N
     bpy.ops.seeing_wind.resimulate()
     with pytest.raises(RuntimeError, match="hold 0 of the simulated frames"):
         bpy.ops.seeing_wind.bake(object="Second", way="SHAPE_KEYS", frames=(500, 600))
+    kept = bpy.context.scene.seeing_wind
+    assert not kept.bake_use_frames and kept.bake_way == "AUTO", "the options of a call that was refused are given back"
     assert not second.hide_render and "Second Simulated" not in bpy.data.objects, "no copy stands in for it without a motion"
+
+
+def test_nothing_is_baked_in_another_unit_than_the_winds(workplace, recovered) -> None:
+    box = cube("Box")
+    bpy.ops.seeing_wind.insert_mesh()
+    bpy.ops.seeing_wind.resimulate()
+    bpy.context.scene.unit_settings.scale_length = 0.01
+    with pytest.raises(RuntimeError, match="was made for a unit scale of 1, and the scene's is 0.01"):
+        bpy.ops.seeing_wind.bake()
+    assert mark_of(box) is None and box.data.shape_keys is None
+    bpy.context.scene.unit_settings.scale_length = 1.0
+    bpy.ops.seeing_wind.bake()
+    assert mark_of(box) is not None
 
 
 def test_what_makes_no_sense_is_refused(workplace, recovered) -> None:
