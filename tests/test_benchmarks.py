@@ -8,24 +8,32 @@ import runpy
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
-BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
+ROOT = Path(__file__).resolve().parents[1]
+BENCHMARKS = ROOT / "benchmarks"
 SCRIPTS = [path for path in sorted(BENCHMARKS.rglob("*.py")) if '__name__ == "__main__"' in path.read_text(encoding="utf-8")]
 ELSEWHERE = {"bpy": "runs in Blender", "skimage": "the benchmarks' extra is not installed"}
 """Packages that some scripts need and not every environment has."""
 
 
+def taken_out() -> dict[str, ModuleType]:
+    """The modules of the scripts of benchmarks and sample scenes, which are no longer imported."""
+    places = [str(BENCHMARKS), str(ROOT / "sample_scenes")]
+    names = [name for name, module in sys.modules.items() if str(getattr(module, "__file__", None)).startswith(tuple(places))]
+    return {name: sys.modules.pop(name) for name in names}
+
+
 @pytest.fixture
 def as_a_process(monkeypatch: pytest.MonkeyPatch) -> Iterator[pytest.MonkeyPatch]:
-    """Search path, environment and the benchmarks' own modules are as before afterwards: scripts of two folders have the same name."""
+    """A script finds no modules of other scripts, as some of two folders have the same name; afterwards all is as before."""
     monkeypatch.setattr(sys, "path", list(sys.path))
-    before, environment = set(sys.modules), dict(os.environ)
+    before, environment = taken_out(), dict(os.environ)
     yield monkeypatch
-    for name in set(sys.modules) - before:
-        if str(BENCHMARKS) in str(getattr(sys.modules[name], "__file__", "")):
-            del sys.modules[name]
+    taken_out()
+    sys.modules.update(before)
     os.environ.clear()
     os.environ.update(environment)
 

@@ -92,7 +92,7 @@ def test_a_whole_clip_stays_in_the_frame_and_is_no_uniform_wind(seed):
     assert motion.tilt(flight.x).max() < 50.0
     fall = flight.x[0].mean(0)[2] - flight.x[-1].mean(0)[2]
     assert 0.4 < fall < 0.8
-    magnitude, direction = uniform_errors(flight.acceleration)
+    magnitude, direction = uniform_errors(flight.truth["acc"])
     assert magnitude > 20.0 and direction > 10.0
 
 

@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -16,8 +17,9 @@ from in_blender import BlenderFailed, command, run
 
 from seeing_wind.engine.conventions import GRAVITY, front_view
 from seeing_wind.engine.errors import SeeingWindError
-from seeing_wind.engine.field.analytic import ForceFieldAnalytic
-from seeing_wind.engine.records import Camera, Material, Particles
+from seeing_wind.engine.field.force_field import ForceField
+from seeing_wind.engine.materials import Material
+from seeing_wind.engine.records import Camera
 
 MEADOW, RENDER = (Path(__file__).with_name(name) for name in ("meadow.py", "render.py"))
 
@@ -27,15 +29,14 @@ class Filmed:
     """A simulated body and how it is filmed: everything that goes into the folder."""
 
     name: str
-    particles: Particles
-    material: Material
-    wind: ForceFieldAnalytic
     x: np.ndarray
-    """(T+1, N, 3) [m]."""
-    v: np.ndarray
-    """(T+1, N, 3) [m/s]."""
-    acceleration: np.ndarray
-    """(T, N, 3) of the wind, f / rho at x[t] [m/s²]."""
+    """(T+1, N, 3) its points [m]."""
+    wind: ForceField
+    """What moved it."""
+    known: dict[str, str | float]
+    """What a user of the clip is told of the body, by the names of `recover`'s options."""
+    truth: dict[str, Any]
+    """What else truth.npz holds, for the report alone."""
     surface: np.ndarray
     """(T+1, V, 3) the side that faces the camera [m]."""
     triangles: np.ndarray
@@ -46,12 +47,26 @@ class Filmed:
     camera: Camera
     distance: float
     """From the camera in frame 0 [m]."""
-    thickness: float
-    """[m]."""
     held: np.ndarray | None = None
     """(M,) bool, the triangles that never move."""
     more: dict[str, np.ndarray] = field(default_factory=dict)
     """Further arrays for render.py."""
+
+
+def known_of_solid(material: Material, thickness: float) -> dict[str, str | float]:
+    """`Filmed.known` of a solid body so thick [m]."""
+    numbers = {"density": material.density, "youngs_modulus": material.youngs_modulus}
+    return {"material": material.name, **numbers, "thickness": thickness}
+
+
+def truth_of_solid(material: Material, pinned: np.ndarray, v: np.ndarray, acceleration: np.ndarray) -> dict[str, Any]:
+    """`Filmed.truth` of a solid body.
+
+    Args:
+        pinned: (N,) bool; v: (T+1, N, 3) [m/s]; acceleration: (T, N, 3) by the wind, f / rho at x[t] [m/s²].
+    """
+    numbers = {"rho": material.density, "E": material.youngs_modulus, "nu": material.poisson_ratio, "yield_stress": 0.0}
+    return {"v": v, "acc": acceleration, "fixed": pinned, "material": "elastic", **numbers}
 
 
 def options(about: str, argv: list[str] | None, *, seed: int, frames: int, fps: float, size: str, samples: int, spacing: float):
@@ -62,7 +77,7 @@ def options(about: str, argv: list[str] | None, *, seed: int, frames: int, fps: 
     parser.add_argument("--frames", type=int, default=frames, metavar="T", help="frame intervals: the clip has one frame more")
     parser.add_argument("--fps", type=float, default=fps)
     parser.add_argument("--size", default=size, metavar="WxH")
-    parser.add_argument("--spacing", type=float, default=spacing, metavar="M", help="of the particles [m]")
+    parser.add_argument("--spacing", type=float, default=spacing, metavar="M", help="of its points [m]")
     parser.add_argument("--samples", type=int, default=samples, help="of Cycles, per pixel")
     parser.add_argument("--blender", metavar="PATH", help="instead of BLENDER=, the one on the PATH, or the bpy wheel")
     parser.add_argument("--no-render", action="store_true", help="all but backdrop.png and clip.mp4")
@@ -99,7 +114,7 @@ def build(chosen: argparse.Namespace, film: Callable[[], Filmed], summary: Calla
         return 1
     camera = filmed.camera
     print(
-        f"{len(filmed.x)} frames at {camera.width}x{camera.height}, {len(filmed.particles.x)} particles.\n{summary(filmed)}\n"
+        f"{len(filmed.x)} frames at {camera.width}x{camera.height}, {filmed.x.shape[1]} points.\n{summary(filmed)}\n"
         f"Simulated in {simulated - started:.0f} s, rendered in {time.perf_counter() - simulated:.0f} s: {out}"
     )
     return 0
@@ -130,7 +145,7 @@ def write(out: Path, filmed: Filmed, samples: int) -> None:
     Raises:
         SeeingWindError: what is held is not in the frame, or a file cannot be written.
     """
-    camera, material, mask = filmed.camera, filmed.material, first_mask(filmed)
+    camera, mask = filmed.camera, first_mask(filmed)
     images = {"mask_0000": mask, "texture": filmed.texture[:, :, ::-1]}
     if filmed.held is not None:
         images["held_0000"] = first_mask(filmed, filmed.held)
@@ -140,20 +155,15 @@ def write(out: Path, filmed: Filmed, samples: int) -> None:
     box = [int(columns.min()) - 2, int(rows.min()) - 2, int(columns.max()) + 2, int(rows.max()) + 2]
     values = {key: getattr(camera, key) for key in ("width", "height", "fx", "fy", "cx", "cy")}
     write_json(out / "camera.json", values | {"camera_to_world": camera.camera_to_world.tolist()})
-    known = {"material": material.name, "density": material.density, "youngs_modulus": material.youngs_modulus}
-    write_json(out / "box.json", {"box": box, "distance": filmed.distance, **known, "thickness": filmed.thickness})
+    write_json(out / "box.json", {"box": box, "distance": filmed.distance, **filmed.known})
     for name, image in images.items():
         if not cv2.imwrite(str(out / f"{name}.png"), image):
             raise SeeingWindError(f"Cannot write {out / name}.png.", "Choose another folder.")
     shape = {"vertices": filmed.surface.astype(np.float32), "triangles": filmed.triangles, "uv": filmed.uv}
     np.savez_compressed(out / "scene.npz", **shape, **filmed.more, fps=filmed.wind.fps, samples=samples)
     filmed.wind.save(out / "known_wind.safetensors")
-    np.savez_compressed(
-        out / "truth.npz",
-        x=filmed.x, v=filmed.v, acc=filmed.acceleration, rho=material.density, E=material.youngs_modulus, nu=material.poisson_ratio,
-        yield_stress=0.0, fixed=filmed.particles.pinned, fps=filmed.wind.fps, gravity=np.array(GRAVITY), material="elastic",
-        name=filmed.name,
-    )  # fmt: skip
+    common = {"fps": filmed.wind.fps, "gravity": np.array(GRAVITY), "name": filmed.name}
+    np.savez_compressed(out / "truth.npz", x=filmed.x, **common, **filmed.truth)
 
 
 def write_json(path: Path, values: dict) -> None:

@@ -81,8 +81,8 @@ def main(plate: Callable[[int], Plate], wind: WindOf, argv: list[str] | None, ab
 
 def summary(filmed: Filmed) -> str:
     """How far it moves, and how hard it is."""
-    held = filmed.particles.pinned
-    magnitude, direction = uniform_errors(filmed.acceleration, ~held)
+    held = filmed.truth["fixed"]
+    magnitude, direction = uniform_errors(filmed.truth["acc"], ~held)
     farthest = np.linalg.norm(filmed.x - filmed.x[0], axis=-1).max()
     return (
         f"{held.sum()} particles are held; moved up to {100 * farthest:.0f} cm.\n"
@@ -121,9 +121,10 @@ def simulate(plate: Plate, wind: ForceFieldAnalytic, size: tuple[int, int], spac
     centre = (plate.place[0] + plate.view_centre[0], plate.place[2] + plate.view_centre[1])
     stand = {} if plate.stand is None else dict(zip(("stand_vertices", "stand_triangles", "stand_colour"), map(np.asarray, plate.stand)))
     return Filmed(
-        name=plate.name, particles=particles, material=material, wind=wind, x=np.stack(x), v=np.stack(v),
-        acceleration=np.stack(acceleration), surface=attach(plate.world(flat, front), particles.x).follow(np.stack(x)),
+        name=plate.name, x=np.stack(x), wind=wind, known=clip_files.known_of_solid(material, plate.thickness),
+        truth=clip_files.truth_of_solid(material, particles.pinned, np.stack(v), np.stack(acceleration)),
+        surface=attach(plate.world(flat, front), particles.x).follow(np.stack(x)),
         triangles=triangles, uv=flat / plate.texture_side + 0.5, texture=plate.texture,
         camera=clip_files.level_camera(size, plate.distance, plate.view_height, centre, plate.place[1] + front),
-        distance=plate.distance, thickness=plate.thickness, held=plate.held(flat[triangles].mean(1)), more=stand,
+        distance=plate.distance, held=plate.held(flat[triangles].mean(1)), more=stand,
     )  # fmt: skip

@@ -47,7 +47,7 @@ def main(argv: list[str] | None = None) -> int:
 def summary(filmed: Filmed) -> str:
     """How it flies, and how hard it is."""
     fall = filmed.x[-1].mean(0) - filmed.x[0].mean(0)
-    magnitude, direction = uniform_errors(filmed.acceleration)
+    magnitude, direction = uniform_errors(filmed.truth["acc"])
     return (
         f"The leaf sinks {-fall[2]:.2f} m, drifts {fall[0]:.2f} m and tilts up to {tilt(filmed.x).max():.0f} degrees.\n"
         f"A uniform field with the right net force in every frame would be off by {magnitude:.0f} % and {direction:.0f} degrees."
@@ -70,9 +70,9 @@ def simulate(seed: int, frames: int, fps: float, size: tuple[int, int], spacing:
     if tilt(flight.x).max() > MOST_TILT:
         raise SeeingWindError("The leaf turns its edge to the camera.", "Choose another --seed or fewer --frames.")
     return Filmed(
-        name="falling_leaf", particles=flight.particles, material=flight.material, wind=flight.wind, x=flight.x, v=flight.v,
-        acceleration=flight.acceleration, surface=flight.surface, triangles=leaf.triangles, uv=leaf.uv, texture=make_texture(seed),
-        camera=camera, distance=DISTANCE, thickness=THICKNESS,
+        name="falling_leaf", x=flight.x, wind=flight.wind, known=clip_files.known_of_solid(flight.material, THICKNESS),
+        truth=clip_files.truth_of_solid(flight.material, flight.particles.pinned, flight.v, flight.acceleration),
+        surface=flight.surface, triangles=leaf.triangles, uv=leaf.uv, texture=make_texture(seed), camera=camera, distance=DISTANCE,
     )  # fmt: skip
 
 

@@ -18,6 +18,7 @@ HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parent / "common"), str(HERE.parents[1])]  # a script of the source tree
 
 import plate_scene  # noqa: E402
+from gusts import turbulence  # noqa: E402
 from outlines import inside  # noqa: E402
 from painting import dot  # noqa: E402
 from plate_scene import Plate  # noqa: E402
@@ -96,16 +97,6 @@ def pot() -> tuple[np.ndarray, np.ndarray, tuple[float, float, float]]:
             a, b = ring * n + k, ring * n + (k + 1) % n
             triangles += [(a, b, b + n), (a, b + n, a + n)]
     return vertices, np.array(triangles, dtype=np.int32), (0.42, 0.16, 0.07)
-
-
-def turbulence(t: np.ndarray, rng: np.random.Generator, count: int = 12, scale: float = 0.3) -> np.ndarray:
-    """(T,) of unit variance at the times `t` [s]: waves of 0.1 to 4 Hz with von Kármán's spectrum (1 + 70.8 (f scale)²)^(-5/6), whose
-    integral time scale is `scale` [s]. A single tone would not do: near the plant's own frequency it cannot be told from its ringing."""
-    edges = np.geomspace(0.1, 4.0, count + 1)
-    f = edges[:-1] * (edges[1:] / edges[:-1]) ** rng.uniform(size=count)
-    power = (1.0 + 70.8 * (f * scale) ** 2) ** (-5.0 / 6.0) * np.diff(edges)
-    waves = np.cos(2.0 * np.pi * (f[:, None] * t + rng.uniform(size=(count, 1))))
-    return np.sqrt(2.0 * power / power.sum()) @ waves
 
 
 def wind(plate: Plate, rng: np.random.Generator, fps: float, frames: int) -> ForceFieldAnalytic:
