@@ -12,13 +12,12 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from scipy.ndimage import gaussian_filter
 
 HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parent / "common"), str(HERE.parents[1])]  # a script of the source tree
 
 import plate_scene  # noqa: E402
-from painting import dot  # noqa: E402
+from flagpole import pole, striped  # noqa: E402
 from plate_scene import Plate  # noqa: E402
 
 from seeing_wind.engine.field.analytic import ForceFieldAnalytic  # noqa: E402
@@ -31,8 +30,6 @@ DENSITY = 300.0
 """kg/m³."""
 WAVELENGTH = 0.5
 """Of the gusts that run along the sheet [m]."""
-POLE = 0.012
-"""Half the pole's thickness [m]."""
 
 
 def flag(seed: int) -> Plate:
@@ -40,33 +37,10 @@ def flag(seed: int) -> Plate:
     width, height = SIZE
     outline = np.array([[0.0, -height / 2], [width, -height / 2], [width, height / 2], [0.0, height / 2]])
     return Plate(
-        name="flag", outlines=[outline], held=lambda flat: flat[:, 0] < HELD, texture=paint_texture(seed), texture_side=1.0,
+        name="flag", outlines=[outline], held=lambda flat: flat[:, 0] < HELD, texture=striped(seed, height, 1.0), texture_side=1.0,
         material="leaf", density=DENSITY, youngs_modulus=3.0e4, thickness=0.012, place=(-0.2, 0.0, 1.2), view_height=0.62,
-        view_centre=(0.22, -0.02), bears_weight=False, stand=pole(height),
+        view_centre=(0.22, -0.02), bears_weight=False, stand=pole(-0.2, 1.2 + height / 2),
     )  # fmt: skip
-
-
-def paint_texture(seed: int, size: int = 1024) -> np.ndarray:
-    """Three stripes with printed dots and a weave, so that there are corners to track."""
-    rng = np.random.default_rng(seed + 1)
-    rows = (0.5 - (np.arange(size) + 0.5) / size)[:, None] / SIZE[1] + 0.5
-    colours = np.array([[0.78, 0.12, 0.13], [0.95, 0.93, 0.88], [0.10, 0.22, 0.52]])
-    stripe = np.clip((rows * 3).astype(int), 0, 2)
-    image = colours[np.broadcast_to(stripe, (size, size))]
-    weave = gaussian_filter(rng.standard_normal((size, size)), 3)
-    image = image * (1.0 + 0.16 * weave / weave.std())[..., None]
-    for _ in range(170):
-        cx, cy, radius = rng.uniform(0.48, 1.0) * size, rng.uniform(0.34, 0.66) * size, rng.uniform(5, 13)
-        dot(image, cx, cy, radius, rng.uniform(0.05, 1.0, 3))
-    return (np.clip(image, 0.0, 1.0) * 255.0 + 0.5).astype(np.uint8)
-
-
-def pole(height: float) -> tuple[np.ndarray, np.ndarray, tuple[float, float, float]]:
-    """A square bar behind the held edge, from below the frame to above the sheet."""
-    low, high = np.array([-0.2 - POLE, 0.01, 0.2]), np.array([-0.2 + POLE, 0.01 + 2 * POLE, 1.24 + height / 2])
-    corners = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
-    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-    return corners, np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))], dtype=np.int32), (0.25, 0.16, 0.09)
 
 
 def wind(plate: Plate, rng: np.random.Generator, fps: float, frames: int) -> ForceFieldAnalytic:

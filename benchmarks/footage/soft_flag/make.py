@@ -13,16 +13,15 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from scipy.ndimage import gaussian_filter
 
 ROOT = Path(__file__).resolve().parents[3]
 sys.path[:0] = [str(ROOT / "sample_scenes" / "common"), str(ROOT)]  # a script of the source tree
 
 import clip_files  # noqa: E402
 from clip_files import Filmed  # noqa: E402
+from flagpole import pole, striped  # noqa: E402
 from gusts import turbulence  # noqa: E402
 from outlines import flat_mesh  # noqa: E402
-from painting import dot  # noqa: E402
 
 from seeing_wind.engine.conventions import GRAVITY  # noqa: E402
 from seeing_wind.engine.field.analytic import ForceFieldAnalytic  # noqa: E402
@@ -52,8 +51,6 @@ MEAN = (5.0, 0.7, 0.5)
 """Of the wind [m/s]: a gentle breeze along the flag, a little from the front."""
 TEXTURE = 1.25
 """Side of the square round the middle of the held edge that the texture covers [m]."""
-POLE = 0.012
-"""Half the pole's thickness [m]."""
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -108,9 +105,10 @@ def simulate(fabric: str, seed: int, frames: int, fps: float, size: tuple[int, i
     outline = np.array([[0.0, -height / 2], [width, -height / 2], [width, height / 2], [0.0, height / 2]])
     flat, faces = flat_mesh([outline], spacing)
     x, at_vertices = fly(wind, sheet, np.stack([flat[:, 0], 0.0 * flat[:, 0], flat[:, 1]], 1) + PLACE, faces, flat[:, 0] < HELD)
-    stand = dict(zip(("stand_vertices", "stand_triangles", "stand_colour"), map(np.asarray, pole()), strict=True))
+    bar = map(np.asarray, pole(PLACE[0], PLACE[2] + height / 2))
+    stand = dict(zip(("stand_vertices", "stand_triangles", "stand_colour"), bar, strict=True))
     return Filmed(
-        name="flag", x=x, wind=wind, surface=x, triangles=faces, uv=flat / TEXTURE + 0.5, texture=paint_texture(seed),
+        name="flag", x=x, wind=wind, surface=x, triangles=faces, uv=flat / TEXTURE + 0.5, texture=striped(seed, height, TEXTURE),
         camera=clip_files.level_camera(size, DISTANCE, VIEW_HEIGHT, (PLACE[0] + VIEW_CENTRE[0], PLACE[2] + VIEW_CENTRE[1]), PLACE[1]),
         distance=DISTANCE, held=flat[faces].mean(1)[:, 0] < HELD, more=stand,
         known=FABRICS[fabric],
@@ -137,30 +135,6 @@ def fly(
         state = advance_frame(shell, state, frame=t, fps=wind.fps, substeps=substeps, gravity=gravity, load=drag)
         x.append(state.x)
     return np.stack(x), np.stack(felt)
-
-
-def paint_texture(seed: int, size: int = 1024) -> np.ndarray:
-    """Three stripes with printed dots and a weave, so that there are corners to track."""
-    rng = np.random.default_rng(seed + 1)
-    rows = (0.5 - (np.arange(size) + 0.5) / size)[:, None] * TEXTURE / SIZE[1] + 0.5
-    colours = np.array([[0.78, 0.12, 0.13], [0.95, 0.93, 0.88], [0.10, 0.22, 0.52]])
-    stripe = np.clip((rows * 3).astype(int), 0, 2)
-    image = colours[np.broadcast_to(stripe, (size, size))]
-    weave = gaussian_filter(rng.standard_normal((size, size)), 3)
-    image = image * (1.0 + 0.16 * weave / weave.std())[..., None]
-    for _ in range(170):
-        cx, cy, radius = rng.uniform(0.48, 1.0) * size, rng.uniform(0.34, 0.66) * size, rng.uniform(5, 13)
-        dot(image, cx, cy, radius, rng.uniform(0.05, 1.0, 3))
-    return (np.clip(image, 0.0, 1.0) * 255.0 + 0.5).astype(np.uint8)
-
-
-def pole() -> tuple[np.ndarray, np.ndarray, tuple[float, float, float]]:
-    """A square bar behind the held edge, from below the frame to above the sheet."""
-    x, z = PLACE[0], PLACE[2] + SIZE[1] / 2
-    low, high = np.array([x - POLE, 0.01, 0.2]), np.array([x + POLE, 0.01 + 2 * POLE, z + 0.04])
-    corners = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
-    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-    return corners, np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))], dtype=np.int32), (0.25, 0.16, 0.09)
 
 
 if __name__ == "__main__":

@@ -101,9 +101,8 @@ def far_off(
     It is far if the median residual is a large part of the body's size (tracks only), or if, for half of the observed motion, the residual
     is a large part of that of a motion without a force: at rest or in free `fall` (T+1, N, 3) [m].
     """
-    shown = residual[1:][residual[1:] > 0.0]
     size, noise, unit = _size(particles, channels[0], x)
-    far, way = float(np.median(shown)) if len(shown) else 0.0, _way(channels[0])
+    far, way = _median_of_shown(residual), _way(channels[0])
     if size == 0.0:  # a body that is a point has no size to compare with; `astray` covers it
         return []
     if isinstance(channels[0], TrackChannels) and far > max(ASTRAY_NOISE * noise, FAR * size):
@@ -129,8 +128,7 @@ def roughly(
 ) -> list[str]:
     """The note on a simulation x (T+1, N, 3) [m] that `far_off` lets pass, but that follows tracks only roughly; arguments as there."""
     size, noise, unit = _size(particles, channels[0], x)
-    shown = residual[1:][residual[1:] > 0.0]
-    far = float(np.median(shown)) if len(shown) else 0.0
+    far = _median_of_shown(residual)
     if not isinstance(channels[0], TrackChannels) or far <= ASTRAY_NOISE * noise or _way(channels[0]) < STILL * size:
         return []
     share = _share_missed(channels, x, _unforced(particles, x, fall))
@@ -140,6 +138,12 @@ def roughly(
         f"{called} is {in_units(far, unit)} (median) from where it was seen, {100.0 * share:.0f} % of the motion that a force has to "
         f"explain: {ROUGHLY}. Check the outline, what is held, the depth and the material."
     ]
+
+
+def _median_of_shown(residual: np.ndarray) -> float:
+    """Median of a residual (T+1,) over the frames after the first in which something was observed; 0 if there are none."""
+    shown = residual[1:][residual[1:] > 0.0]
+    return float(np.median(shown)) if len(shown) else 0.0
 
 
 def _unforced(particles: Particles, x: np.ndarray, fall: np.ndarray | None) -> list[np.ndarray]:
