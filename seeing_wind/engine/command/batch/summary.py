@@ -29,7 +29,7 @@ class Outcome:
     digest: str = ""
     """Digest of the whole job; "" until it is done."""
     warnings: list[str] = field(default_factory=list)
-    """Why a recovered field should not be used."""
+    """Why the field that the job recovers or uses should not be used."""
 
 
 class Summary:
@@ -114,7 +114,7 @@ class Summary:
 
     @property
     def exit_code(self) -> int:
-        """130 if a job was cancelled, 1 if one failed, 3 if a recovered field should not be used, otherwise 0."""
+        """130 if a job was cancelled, 1 if one failed, 3 if a field should not be used, otherwise 0."""
         return 130 if self.count("cancelled") else 1 if self.count("failed") else 3 if self.warnings else 0
 
     @property
@@ -131,12 +131,12 @@ class Summary:
 
 
 def _warnings(job: Job) -> list[str]:
-    """Why the fields that the job recovered should not be used; [] where they can be."""
-    if job.source is None:
-        return []
-    from ...record_arrays import useless_notes  # imports NumPy, which Blender should not load when it starts
+    """Why the fields that the job recovered, or only uses, should not be used; [] where they can be."""
+    from ...record_arrays import TRAJECTORY, useless_notes  # imports NumPy, which Blender should not load when it starts
 
-    return [note for made in sorted(job.take.rglob("trajectory.npz")) for note in useless_notes(made)]
+    # A job recovers several takes where it has a list of objects; it uses one, which came without notes if no recovery made it.
+    found = sorted(job.take.rglob(TRAJECTORY)) if job.source is not None else [job.take / TRAJECTORY]
+    return [note for made in found if made.is_file() for note in useless_notes(made)]
 
 
 def _former(summary: Path) -> dict[str, tuple[str, str]]:
