@@ -56,7 +56,6 @@ def of_file(jobs: Path) -> argparse.Namespace:
         ("distance = -1", "`distance` must be at least 0.01 m; this is -1."),
         ("bx = [20, 20, 44, 44]", "Unknown options: `bx` 20 20 44 44. See docs/reference/cli.md for the options of `recover`."),
         ('box = [20, 20, 44, 44], points = "1,1"', "`points` is not allowed with `box`."),
-        ("box = [20, 20]", "`box` needs 4 values."),
         ('frames = "0:9"', "clip.avi has frames 0 to 4, so 0:9 reaches past its end. Choose `frames` inside 0:4."),
         ("box = [200, 200, 240, 240]", "The box 200 200 240 240 lies outside the 96x64 frame."),
         ('mask = "text.png"', "text.png cannot be read: it is not an image, or is damaged."),

@@ -31,6 +31,11 @@ save = "out/leaf.blend"
 VIEW = '[[job]]\ntake = "t"\nclip = "clip.mp4"\nrecover = { view = ["side.mp4", "side.json", "side.png"] }'
 
 
+def given(options: str) -> str:
+    """A file with one job, which has these options."""
+    return f'[[job]]\ntake = "t"\nclip = "clip.mp4"\nrecover = {{ {options} }}'
+
+
 @pytest.fixture
 def workplace(tmp_path: Path) -> Path:
     """Files that the jobs name."""
@@ -130,6 +135,12 @@ def test_a_field_of_no_use_is_told_each_time_and_by_the_exit_code(workplace: Pat
     for outcome in ("done", "skipped"):
         assert run(workplace, do=useless) == 3
         assert [(row["outcome"], row["warnings"]) for row in rows(workplace)] == [(outcome, [f"{DISTRUST}: 48 pixels off."])]
+    again = TABLE.format("b").replace('clip = "clip.mp4"', 'edit = "edit.toml"').replace("b.take", "leaf.take")
+    (workplace / "jobs.toml").write_text(again)  # simulates in the same field
+    for outcome in ("done", "skipped"):
+        assert run(workplace) == 3
+        assert [(row["outcome"], row["warnings"]) for row in rows(workplace)] == [(outcome, [f"{DISTRUST}: 48 pixels off."])]
+    (workplace / "jobs.toml").write_text(FULL)
     (workplace / "leaf.take" / "trajectory.npz").write_bytes(b"damaged")
     assert run(workplace) == 3
     assert "cannot be read" in rows(workplace)[0]["warnings"][0]
@@ -213,11 +224,15 @@ def test_options_become_words(workplace):
     ("text", "says"),
     [
         ("", "it is empty"),
-        ("x = 3", "no \\[\\[job\\]\\]"),
-        ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nrecover = { no_gravity = "yes" }', r'no_gravity in recover of "job 1" is \'yes\''),
+        ("x = 3", r"has no \[\[job\]\], only x"),
+        ('[[jobs]]\ntake = "t"', r"has no \[\[job\]\], only jobs"),
+        ('[job]\ntake = "t"', r'job is \{"take" = "t"\}, not a list of \[\[job\]\]'),
+        ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nrecover = { no_gravity = "yes" }', r'no_gravity in recover of "job 1" is "yes"'),
         ("[[job]", "not valid TOML"),
         ('[[job]]\nclip = "clip.mp4"', "no take"),
-        ('[[job]]\ntake = "t"', "neither a clip nor"),
+        ('[[job]]\ntake = "t"', '"job 1" has nothing to do'),
+        ('[[job]]\ntake = "made.take"', '"job 1" has nothing to do'),
+        ('[[job]]\ntake = "t"\nedit = "edit.toml"', "neither a clip nor"),
         ('[[job]]\ntake = "t"\nclip = "none.mp4"', "no file"),
         ('[[job]]\ntake = "t"\nclip = "clip.mp4"\ncolour = "red"', "unknown key colour"),
         ('[[job]]\ntake = "t"\nclip = "clip.mp4"\ntrajectories = "clip.mp4"', "a clip and trajectories"),
@@ -225,13 +240,14 @@ def test_options_become_words(workplace):
         ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nrender = "a.avi"', "a.avi cannot be written"),
         ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nrecover = { material = "leef" }', "no material 'leef'"),
         ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nrecover = { mask = "m.png" }', r'mask of "job 1": there is no file'),
-        ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nrecover = { mask = ["m.png"] }', r'mask in recover of "job 1" is \[\'m.png\'\]'),
+        ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nrecover = { mask = ["m.png"] }', r'mask in recover of "job 1" is \["m.png"\]'),
         ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nrecover = { material = 3 }', r'material in recover of "job 1" is 3'),
         (VIEW.replace("side.json", "none.json"), r'view of "job 1": there is no file \S*none\.json'),
         (VIEW.replace("side.mp4", "none.mp4"), r'view of "job 1": there is no file \S*none\.mp4'),
-        (VIEW.replace('view = ["side.mp4", ', "view = ["), r'view in recover of "job 1" is \[\'side.json\', \'side.png\'\]'),
+        (VIEW.replace('view = ["side.mp4", ', "view = ["), r'view in recover of "job 1" is \["side.json", "side.png"\]'),
         (VIEW.replace('view = ["side.mp4", "side.json", "side.png"]', "view = []"), r'view in recover of "job 1" is \[\]'),
-        ('[[job]]\ntake = "made.take"\nrecover = { distance = 2.0 }', '"job 1" has options in recover, but nothing to recover'),
+        ('[[job]]\ntake = "made.take"\nrecover = { distance = 2.0 }', '"job 1" has a table recover, but nothing to recover'),
+        ('[[job]]\ntake = "made.take"\nedit = "edit.toml"\nrecover = {}', '"job 1" has a table recover, but nothing to recover'),
         ('[[job]]\ntake = "clip.mp4"\nclip = "clip.mp4"', r'take of "job 1", \S*clip.mp4, cannot be written: \S*clip.mp4 is not a folder'),
         ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nsave = "made.blend"', r'save of "job 1", \S*made.blend, is a folder'),
         ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nrender = "made.mp4"', r'render of "job 1", \S*made.mp4, is a folder'),
@@ -248,7 +264,15 @@ def test_options_become_words(workplace):
         ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nsave = "a.blend.zip"', r'save of "job 1": a.blend.zip cannot be saved'),
         ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nrender = "clip.mp4"', r'"job 1" would write \S*clip\.mp4, which "job 1" reads'),
         ('[[job]]\ntake = "t"\nclip = "shot_%04d.png"', "there are no images"),
-        ('[[job]]\ntake = 3\nclip = "clip.mp4"', "not a text"),
+        ('[[job]]\ntake = 3\nclip = "clip.mp4"', "take of job 1 is 3"),
+        ('[[job]]\nname = ""\ntake = "t"\nclip = "clip.mp4"', 'name of job 1 is ""'),
+        ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nrecover = "box"', 'recover of "job 1" is "box", not a table'),
+        (given("frames = [0, 5]"), r'frames in recover of "job 1" is \[0, 5\]\.'),
+        (given('box = "1 2 3 4"'), r'box in recover of "job 1" is "1 2 3 4"\.'),
+        (given("box = [20, 20]"), r'box in recover of "job 1" is \[20, 20\]\.'),
+        (given("distance = true"), r'distance in recover of "job 1" is true\.'),
+        (given("distance = [2.0]"), r'distance in recover of "job 1" is \[2\.0\]\.'),
+        (given("points = [12, 20]"), r'points in recover of "job 1" is \[12, 20\]\.'),
         ('[[job]]\nname = "a"\ntake = "t"\nclip = "clip.mp4"\n[[job]]\nname = "a"\ntake = "u"\nclip = "clip.mp4"', "Two jobs"),
         ('[[job]]\ntake = "t"\nclip = "clip.mp4"\n[[job]]\ntake = "t"\nclip = "edit.toml"', '"job 1" and "job 2" recover different'),
         ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nsave = "a.blend"\n[[job]]\ntake = "u"\nclip = "clip.mp4"\nsave="a.blend"', "both write"),

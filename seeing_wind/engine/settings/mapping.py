@@ -8,6 +8,7 @@ from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
 from ..errors import UsageError
 from .option import KINDS, options_of
+from .toml import toml_value
 
 T = TypeVar("T")
 
@@ -35,7 +36,7 @@ def from_mapping(cls: type[T], values: dict[str, Any], where: str) -> T:
     hints, options = get_type_hints(cls), options_of(cls)
     for name, value in values.items():
         if not _fits(value, hints[name]):
-            raise UsageError(f"{where}: {name} is {_shown(value)}.", f"It must be {_kind(hints[name])}.")
+            raise UsageError(f"{where}: {name} is {shown(value)}.", f"It must be {_kind(hints[name])}.")
         if name in options and value is not None:
             for each in value if isinstance(value, (list, tuple)) else [value]:
                 options[name].check(each, f"{where}: {name}")
@@ -60,9 +61,12 @@ def _fits(value: Any, hint: Any) -> bool:
     return isinstance(value, hint)
 
 
-def _shown(value: Any) -> str:
-    """A value for a message; of a long list, its beginning and its length."""
-    text = repr(value)
+def shown(value: Any) -> str:
+    """A value for a message, as in a TOML file; of a long list, its beginning and its length."""
+    try:
+        text = toml_value(value)
+    except TypeError:  # a date, or null in JSON
+        text = str(value)
     if len(text) <= LONGEST or not isinstance(value, (list, tuple)):
         return text
     return f"{text[:LONGEST].rpartition(',')[0]}, ... ({len(value)} values)"

@@ -9,7 +9,7 @@ from typing import Any
 from ..errors import UsageError
 from ..reading import EmptyFile, read_toml
 from .edit import BodyEdit, ColliderEdit, Edit
-from .mapping import from_mapping
+from .mapping import from_mapping, shown
 from .option import options_of
 
 LONGEST_NAME = 200
@@ -38,8 +38,11 @@ def read_users_toml(path: str | os.PathLike[str], what: str) -> dict[str, Any]:
 def tables_of(values: dict[str, Any], key: str, where: str, hint: str, least: int = 1) -> list[dict[str, Any]]:
     """Take the list of tables `[[key]]` out of the values of a file. Raises UsageError if there is none, or something else in its place."""
     tables = values.pop(key, [])
-    if not isinstance(tables, list) or len(tables) < least or not all(isinstance(table, dict) for table in tables):
-        raise UsageError(f"{where} has no [[{key}]], or something else in its place.", hint)
+    if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
+        raise UsageError(f"{where}: {key} is {shown(tables)}, not a list of [[{key}]].", hint)
+    if len(tables) < least:
+        only = f", only {', '.join(values)}" if values else ""
+        raise UsageError(f"{where} has no [[{key}]]{only}.", hint)
     return tables
 
 

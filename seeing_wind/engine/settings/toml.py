@@ -27,22 +27,23 @@ def _toml_blocks(values: dict[str, Any], header: str, path: tuple[str, ...]) -> 
             for item in value:
                 nested += _toml_blocks(item, f"[[{'.'.join(inner)}]]", inner)
         else:
-            lines.append(f"{inner[-1]} = {_toml_value(value)}")
+            lines.append(f"{inner[-1]} = {toml_value(value)}")
     # a table without its own values needs no header, unless it is empty or an item of a list
     if header and (lines or not nested or header.startswith("[[")):
         lines.insert(0, header)
     return (["\n".join(lines)] if lines else []) + nested
 
 
-def _toml_value(value: Any) -> str:
+def toml_value(value: Any) -> str:
+    """A plain value as it is written in TOML, a table inline. Raises TypeError as `toml_text`."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, (int, float)):
         return repr(value)
     if isinstance(value, dict):
-        return "{" + ", ".join(f"{json.dumps(key)} = {_toml_value(item)}" for key, item in value.items()) + "}"
+        return "{" + ", ".join(f"{json.dumps(key)} = {toml_value(item)}" for key, item in value.items()) + "}"
     if isinstance(value, str):
         return json.dumps(value, ensure_ascii=False)
     if isinstance(value, (list, tuple)):
-        return "[" + ", ".join(_toml_value(item) for item in value) + "]"
+        return "[" + ", ".join(toml_value(item) for item in value) + "]"
     raise TypeError(f"no TOML for {type(value).__name__}")

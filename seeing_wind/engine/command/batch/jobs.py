@@ -27,8 +27,9 @@ from ...conventions import image_files, in_the_way
 from ...errors import NO_PATH, MaterialError, TakeError, UsageError
 from ...materials import find
 from ...settings import ObserveSettings, RecoverSettings, options_of
+from ...settings.mapping import shown
 from ...settings.tables import names_in, read_users_toml, tables_of
-from .words import in_keys, words_of
+from .words import check_kinds, in_keys, views_of, words_of
 
 SOURCES = ("clip", "trajectories")
 FILES = {"objects", *(one.name for one in options_of(ObserveSettings).values() if one.file)}
@@ -204,22 +205,26 @@ def _job(table: dict[str, Any], number: int, path: Path) -> Job:
         raise UsageError(f"Job {number} has the unknown key {unknown[0]}.", f"Known are {', '.join(sorted(KEYS))}.")
     name = f'"{table.get("name", f"job {number}")}"'
     for key in sorted(set(table) - {"recover"}):
-        if not isinstance(table[key], str) or not table[key]:
-            raise UsageError(f"{key} of {name} is not a text.", "Put it into quotation marks.")
+        if not isinstance(table[key], str) or not table[key].strip():
+            hint = "Write something in it, or leave it out." if isinstance(table[key], str) else "Write a text in quotation marks."
+            raise UsageError(f"{key} of job {number} is {shown(table[key])}.", hint)
     options = table.get("recover", {})
     if not isinstance(options, dict):
-        raise UsageError(f"recover of {name} is not a table.", "Write it as { distance = 2.0 }.")
+        raise UsageError(f"recover of {name} is {shown(options)}, not a table.", "Write it as { distance = 2.0 }.")
     if "take" in options:
         raise UsageError(f"recover of {name} names a take.", "Write take beside recover, not in it.")
     for key in SWITCHES & options.keys():
         if not isinstance(options[key], bool):
-            raise UsageError(f"{key} in recover of {name} is {options[key]!r}.", "Write true or false, without quotes.")
+            raise UsageError(f"{key} in recover of {name} is {shown(options[key])}.", "Write true or false, without quotes.")
     if "take" not in table:
         raise UsageError(f"{name} has no take.", 'Say with take = "NAME.take" where the results go.')
     if set(SOURCES) <= table.keys():
         raise UsageError(f"{name} has a clip and trajectories.", "Leave one out, or make two jobs of it.")
-    if options and not set(SOURCES) & table.keys():
-        raise UsageError(f"{name} has options in recover, but nothing to recover.", "Add a clip or trajectories, or leave recover out.")
+    if "recover" in table and not set(SOURCES) & table.keys():
+        raise UsageError(f"{name} has a table recover, but nothing to recover.", "Add a clip or trajectories, or leave recover out.")
+    if not {*SOURCES, "edit", "save", "render"} & table.keys():
+        hint = "Add a clip or trajectories to recover, an edit to re-simulate, or a file to save or render."
+        raise UsageError(f"{name} has nothing to do.", hint)
     if "trajectories" in table and "render" in table:
         raise UsageError(f"{name} has trajectories and a render, which goes over a clip.", "Save a .blend file and render that.")
     home = path.resolve().parent
@@ -244,10 +249,11 @@ def _job(table: dict[str, Any], number: int, path: Path) -> Job:
     named = FILES | FOLDERS
     for key in sorted((named | {"material"}) & options.keys()):
         if not isinstance(options[key], str) and options[key] is not False:
-            raise UsageError(f"{key} in recover of {name} is {options[key]!r}.", "Write one text in quotation marks.")
+            raise UsageError(f"{key} in recover of {name} is {shown(options[key])}.", "Write one text in quotation marks.")
+    check_kinds(options, name)
     options = {key: _beside(home, value) if key in named and isinstance(value, str) else value for key, value in options.items()}
     if "view" in options:
-        options["view"] = [[_beside(home, word) for word in view] for view in _views(options["view"], name)]
+        options["view"] = [[_beside(home, word) for word in view] for view in views_of(options["view"], name)]
     return Job(name=table.get("name", f"job {number}"), recover=options, **paths)
 
 
@@ -272,16 +278,6 @@ def _check_places(paths: dict[str, Path], name: str) -> None:
 def _beside(home: Path, path: str) -> str:
     """A path from the jobs' file, which lies in the folder `home`, as an absolute path."""
     return os.path.abspath(home / os.path.expanduser(path))
-
-
-def _views(value: Any, name: str) -> list[list[str]]:
-    """The further views of the job `name`, each as clip, camera and mask; `value` is a list of views or a single view."""
-    views = value if isinstance(value, list) and value and all(isinstance(view, list) for view in value) else [value]
-    for view in views:
-        if not isinstance(view, list) or len(view) != 3 or not all(isinstance(word, str) and word for word in view):
-            hint = 'Write ["CLIP2", "CAMERA2.json", "MASK2.png"], or a list of several such lists.'
-            raise UsageError(f"view in recover of {name} is {value!r}.", hint)
-    return views
 
 
 def _is_there(key: str, path: Path) -> bool:
