@@ -12,7 +12,7 @@ from scenes import Scene
 from seeing_wind.engine.masks import Masks
 from seeing_wind.engine.observe import observe
 from seeing_wind.engine.observe.preview.verdicts import judge
-from seeing_wind.engine.observe.tracks.outside import LONG, Outside, outside
+from seeing_wind.engine.observe.tracks.outside import LONG, Outside, long, outside
 from seeing_wind.engine.progress import NoProgress, Progress
 from seeing_wind.engine.records import Observation
 from seeing_wind.engine.settings import ObserveSettings
@@ -21,13 +21,13 @@ AWAY = 2
 """The last frame in which wrong tracks follow the object."""
 
 
-def given(disc: Scene, wrong: int, count: int = 12) -> tuple[np.ndarray, np.ndarray]:
-    """Tracks (T+1, count, 2) [px] on the disc, of which the first `wrong` slide off it smoothly, and their visibility."""
+def given(disc: Scene, wrong: int, count: int = 12, slide: float = 12.0) -> tuple[np.ndarray, np.ndarray]:
+    """Tracks (T+1, count, 2) [px] on the disc, of which the first `wrong` slide off it by `slide` px a frame, and their visibility."""
     around = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
     start = disc.centers[0] + 20.0 * np.stack([np.cos(around), np.sin(around)], axis=1)
     xy = np.stack([disc.moved(start, t) for t in range(len(disc.frames))])
     late = np.maximum(np.arange(len(xy)) - AWAY, 0)
-    xy[:, :wrong] -= (late[:, None] * [12.0, 0.0])[:, None]
+    xy[:, :wrong] -= (late[:, None] * [slide, 0.0])[:, None]
     return xy, np.ones(xy.shape[:2], bool)
 
 
@@ -104,6 +104,15 @@ def test_a_few_frames_outside_are_not_enough(disc: Scene) -> None:
     assert (compared(disc, xy, FOLLOWED).left == 13).all()
     xy[4 + LONG - 1, 0] -= [90.0, 0.0]
     assert compared(disc, xy, FOLLOWED).left.tolist() == [4, *[13] * 11]
+
+
+def test_in_a_short_clip_a_third_of_its_frames_is_enough(disc: Scene) -> None:
+    assert [long(count) for count in (2, 6, 8, 9, 10, 13, 200)] == [2, 2, 3, 3, 4, 5, LONG]
+    wrong, right = given(disc, 12, slide=20.0)[0][:8], given(disc, 0)[0][:8]
+    assert (compared(disc, wrong, FOLLOWED[:8], disc.masks[:8]).left < 8).all()
+    assert (compared(disc, right, FOLLOWED[:8], disc.masks[:8]).left == 8).all()
+    right[3:5, 0] -= [90.0, 0.0]
+    assert (compared(disc, right, FOLLOWED[:8], disc.masks[:8]).left == 8).all(), "two frames may be the outline's"
 
 
 def test_a_track_is_outside_by_more_than_its_own_uncertainty(disc: Scene) -> None:

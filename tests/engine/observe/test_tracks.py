@@ -205,6 +205,29 @@ def test_track_files_refused(disc: Scene, tmp_path: Path, case: str) -> None:
     assert bool(begun) == (case == "off")  # what needs no outline is told before there is one
 
 
+@pytest.mark.parametrize("count", [1, 8, 30])
+@pytest.mark.parametrize("frames", [None, (8, 12)])
+def test_transposed_tracks_are_told_as_such(disc: Scene, tmp_path: Path, count: int, frames: tuple[int, int] | None) -> None:
+    around = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
+    start = disc.centers[0] + 20.0 * np.stack([np.cos(around), np.sin(around)], axis=1)
+    xy = np.stack([disc.moved(start, t) for t in range(13)], axis=1)
+    np.savez(tmp_path / "tracks.npz", xy=xy, visible=np.ones(xy.shape[:2], bool))
+    if count == 30 and frames is not None:
+        return  # they might be those of a clip of 30 frames
+    with pytest.raises(UsageError, match=rf"look transposed: xy is \({count}, 13, 2\), with a row for each track") as caught:
+        observe(disc.path, ObserveSettings(box=disc.box, distance=1.0, tracks=str(tmp_path / "tracks.npz"), frames=frames), NoProgress())
+    assert "xy (T+1, K, 2)" in caught.value.hint and ("cut it to 13 rows" in caught.value.hint) == (count == 30)
+
+
+def test_a_confidence_is_not_taken_for_a_visibility(disc: Scene, tmp_path: Path) -> None:
+    xy, settings = np.tile(disc.centers[0], (13, 4, 1)), ObserveSettings(box=disc.box, distance=1.0, tracks=str(tmp_path / "tracks.npz"))
+    for value in (0.25, np.nan, 255):
+        np.savez(tmp_path / "tracks.npz", xy=xy, visible=np.where(np.eye(13, 4) > 0, value, 1))
+        with pytest.raises(UsageError, match=f"have {value:g} in `visible`") as caught:
+            observe(disc.path, settings, NoProgress())
+        assert "threshold" in caught.value.hint
+
+
 @pytest.mark.parametrize(
     ("key", "value", "says"), [("xy", np.nan, "at [nan, nan] with sigma 0.2."), ("sigma", 0.0, "at [20.0, 20.0] with sigma 0.")]
 )

@@ -65,14 +65,19 @@ def checked_tracks(
         beyond: told of rows beyond the last frame; None if the clip has further frames, to which they may belong.
 
     Raises:
-        UsageError: unreadable, keys or shapes wrong, or values of visible points not finite.
+        UsageError: unreadable, keys or shapes wrong or transposed, or values of visible points not finite.
     """
     xy, visible, sigma = load_tracks(path)
     if xy.ndim != 3 or xy.shape[2] != 2 or visible.shape != xy.shape[:2] or sigma.shape not in ((), xy.shape[:2]):
         raise UsageError(f"The tracks {path} have xy {xy.shape} and visible {visible.shape}.", SHAPES)
     sigma, skipped = np.broadcast_to(sigma, visible.shape), 0
     if len(xy) != frames:
-        if len(xy) < first_frame + frames:
+        needed = first_frame + frames
+        if (beyond is not None and xy.shape[1] == frames) or len(xy) < needed <= xy.shape[1]:
+            more = f" If its rows are frames, cut it to {frames} rows." if len(xy) > needed else ""
+            said = f"The tracks {path} look transposed: xy is {xy.shape}, with a row for each track in place of each frame."
+            raise UsageError(said, SHAPES + more)
+        if len(xy) < needed:
             raise UsageError(f"The tracks {path} have {len(xy)} rows, the clip {frames} frames.", SHAPES)
         if beyond is not None:
             beyond.warn(f"The tracks {path} have {len(xy)} rows, the clip {frames} frames: the last {len(xy) - frames} are not used.")
@@ -102,8 +107,12 @@ def load_tracks(path: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
             raise UsageError(f"The tracks {path} lack {' and '.join(missing)}.", SHAPES)
         sigma = np.asarray(file["sigma"], dtype=np.float64) if "sigma" in file else np.array(SIGMA)
         visible = np.asarray(file["visible"])
-        if visible.dtype.kind not in "biuf" or (visible.dtype.kind == "f" and not np.isfinite(visible).all()):
-            raise UsageError(f"The tracks {path} have a `visible` that is not true or false everywhere.", SHAPES)
+        if visible.dtype.kind not in "biuf":
+            raise UsageError(f"The tracks {path} have a `visible` of {visible.dtype}, not of true and false.", SHAPES)
+        neither = visible[(visible != 0) & (visible != 1)]
+        if neither.size:
+            hint = "Write true or false, or 1 or 0. If it is a confidence, compare it with a threshold first."
+            raise UsageError(f"The tracks {path} have {neither[0]:g} in `visible`.", hint)
         return np.asarray(file["xy"], dtype=np.float64), visible.astype(bool), sigma
     except OSError as error:
         raise UsageError(f"The tracks {path} cannot be read ({error.strerror or error}).", "Check the path.") from error

@@ -23,8 +23,9 @@ DEVIATIONS = 3.0
 BLURRED, RIM = 3.0, 0.03
 """Distances by which the rim of a good outline may be off: in pixels, and in units of the root of the object's area; the larger counts."""
 
-LONG = 5
-"""Number of frames in a row, of those that can be judged, for which a track is outside before it is given up."""
+LONG, SHARE = 5, 3
+"""A track is given up once it is outside for LONG frames in a row, of those that can be judged, or in a clip so short that these are more
+than one in SHARE of its frames, for one in SHARE."""
 
 RELIABLE = 0.5
 """Least fraction of corners, or else of tracks, within an outline that can be relied on."""
@@ -111,12 +112,17 @@ def _distance(mask: np.ndarray, xy: np.ndarray) -> np.ndarray:
     return away[row, column]
 
 
+def long(count: int) -> int:
+    """Number of frames in a row for which a track is outside before it is given up, in a clip of `count` frames."""
+    return min(LONG, max(2, -(-count // SHARE)))
+
+
 def _first_long(off: np.ndarray, judged: np.ndarray) -> np.ndarray:
-    """(K,) the frame in which each track is `off` (T+1, K) bool for `LONG` of its `judged` (T+1, K) bool frames in a row; T+1 if never."""
-    first = np.full(off.shape[1], len(off))
+    """(K,) the frame in which each track is `off` (T+1, K) bool for `long` of its `judged` (T+1, K) bool frames in a row; T+1 if never."""
+    first, run = np.full(off.shape[1], len(off)), long(len(off))
     for k in range(off.shape[1]):
         frames = np.flatnonzero(judged[:, k])
-        runs = np.lib.stride_tricks.sliding_window_view(off[frames, k], LONG).all(axis=1) if len(frames) >= LONG else np.zeros(0, bool)
+        runs = np.lib.stride_tricks.sliding_window_view(off[frames, k], run).all(axis=1) if len(frames) >= run else np.zeros(0, bool)
         if runs.any():
             first[k] = frames[int(runs.argmax())]
     return first
