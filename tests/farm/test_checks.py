@@ -32,6 +32,8 @@ def refused(tmp_path: Path) -> Callable[[str], SeeingWindError]:
     """The error of a batch of a good job and those of a text; that nothing was begun is checked."""
     clip(tmp_path / "clip.avi")
     cv2.imwrite(str(tmp_path / "small.png"), np.full((10, 10), 255, np.uint8))
+    for name, rows in (("black", 0), ("part", 9), ("whole", 64)):
+        cv2.imwrite(str(tmp_path / f"{name}.png"), np.where(np.arange(64)[:, None] < rows, np.full(96, 255), 0).astype(np.uint8))
     (tmp_path / "text.png").write_text("not an image")
     (tmp_path / "edit.toml").write_text(BODY.format("recovered"))
 
@@ -61,6 +63,11 @@ def of_file(jobs: Path) -> argparse.Namespace:
         ('mask = "text.png"', "text.png cannot be read: it is not an image, or is damaged."),
         ('pin = "small.png"', "small.png is 10x10, the clip 96x64."),
         ('outline = "small.png"', "small.png is 10x10, the clip 96x64."),
+        ('mask = "black.png"', "The object covers 0 pixels of the first frame, too few to follow."),
+        ('mask = "whole.png"', "The object covers the whole first frame."),
+        ('outline = "black.png"', "black.png has 0 pixels, too few for an object."),
+        ('pin = "black.png"', "The pinned pixels do not touch the object."),
+        ('mask = "part.png", pin = "part.png"', "part.png covers the whole object, so nothing of it could move."),
         ('camera = "text.png"', "The camera"),
         ('depth = "text.png"', "is not an NPY array"),
         ('tracks = "text.png"', "are not an NPZ of plain arrays"),
@@ -91,8 +98,7 @@ def test_the_files_of_a_further_view(refused, tmp_path: Path) -> None:
     clip(tmp_path / "side.avi")
     camera = {"width": 96, "height": 64, "fx": 90.0, "fy": 90.0, "cx": 47.5, "cy": 31.5, "camera_to_world": np.eye(4).tolist()}
     (tmp_path / "side.json").write_text(json.dumps(camera))
-    cv2.imwrite(str(tmp_path / "whole.png"), np.full((64, 96), 255, np.uint8))
-    for view, says in (('"side.json", "small.png"', "small.png is 10x10, the clip 96x64."), ('"text.png", "whole.png"', "The camera")):
+    for view, says in (('"side.json", "small.png"', "small.png is 10x10, the clip 96x64."), ('"text.png", "part.png"', "The camera")):
         assert says in refused(LEAF + f'recover = {{ view = ["side.avi", {view}] }}\n').message
 
 
@@ -121,6 +127,11 @@ def test_takes_of_something_else(refused, tmp_path: Path) -> None:
 def test_edits_and_their_meshes(refused, tmp_path: Path) -> None:
     (tmp_path / "edit.toml").write_text(BODY.format("flag.obj"))
     assert "There is no file flag.obj of " in refused(EDIT).message
+    for text in (BODY.format("recovered") + "[[collider]]\nname = 'wall'\nmesh = 'small.png'\n", BODY.format("small.png")):
+        (tmp_path / "edit.toml").write_text(text)
+        assert "has the ending .png, and a mesh is read from .obj, .ply, .npz." in refused(EDIT).message
+    (tmp_path / "edit.toml").write_text(BODY.format("first.take/flag.fbx"))
+    assert "has the ending .fbx" in refused(EDIT).message, "whoever makes it"
     (tmp_path / "edit.toml").write_text(BODY.format("first.take/flag.obj") + "mass = -1\n")
     assert "mass must be at least" in refused(EDIT).message
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import numpy as np
+
+from ..errors import ObjectError
 from ..progress import Progress
 from ..settings import ObserveSettings
 from .clip.camera import read_camera
 from .clip.depth import read_depth
 from .clip.frames import Clip, read_clip
-from .mask.first_mask import point_list, read_mask
+from .mask.first_mask import check_extent, check_outline, point_list, read_mask
 from .mask.from_box import pixels_in
 from .networks import check_networks
 from .tracks.file import checked_tracks
@@ -17,7 +20,7 @@ def check_clip(path: str, settings: ObserveSettings, progress: Progress) -> tupl
     """Check all that can be checked of a clip and the files that belong to it by reading them once; returns the first and last frame used.
 
     Raises:
-        ClipError, UsageError: as `read_clip`, `check_networks` and `check_given`.
+        ClipError, UsageError, ObjectError: as `read_clip`, `check_networks` and `check_given`.
     """
     check_networks(settings)
     clip = read_clip(path, settings.frames, settings.fps, progress, resized=lambda height, width: (1, 1), keep=())
@@ -30,11 +33,20 @@ def check_given(settings: ObserveSettings, clip: Clip, progress: Progress) -> No
 
     Raises:
         UsageError: as `read_mask`, `read_depth`, `read_camera`, `pixels_in`, `point_list` and `checked_tracks`.
+        ObjectError: as `check_extent`, `check_outline`, `refuse_none_held` and `refuse_all_held`.
     """
     (height, width), frames = clip.size, len(clip.frames)
-    for file, what in ((settings.mask, "mask"), (settings.outline, "outline"), (settings.pin, "pin mask")):
-        if file is not None:
-            read_mask(file, height, width, what)
+    area = np.ones((height, width), bool)
+    if settings.mask is not None:
+        mask = read_mask(settings.mask, height, width)
+        check_extent(mask)
+        area = mask if settings.outline is None and settings.correct is None else area  # these may add to the object
+    if settings.outline is not None:
+        check_outline(read_mask(settings.outline, height, width, "outline"), settings.outline)
+    if settings.pin is not None:
+        held = read_mask(settings.pin, height, width, "pin mask") & area
+        refuse_none_held(held)
+        refuse_all_held(held, area, settings.pin)
     if settings.depth is not None:
         read_depth(settings.depth, height, width)
     if settings.camera is not None:
@@ -45,3 +57,19 @@ def check_given(settings: ObserveSettings, clip: Clip, progress: Progress) -> No
         point_list(settings.points, height, width)
     if settings.tracks is not None:
         checked_tracks(settings.tracks, frames, clip.first_frame, progress if settings.frames is None else None)
+
+
+def refuse_none_held(held: np.ndarray) -> None:
+    """Raise ObjectError if no pixel of the object is in its held part (H, W) bool."""
+    if not held.any():
+        raise ObjectError(
+            "The pinned pixels do not touch the object.", "Paint the part that is held, over the object in the first frame."
+        )
+
+
+def refuse_all_held(held: np.ndarray, area: np.ndarray, path: str) -> None:
+    """Raise ObjectError if the part (H, W) bool held by the PNG file at `path` is all of `area` (H, W) bool, which contains the object."""
+    if held.any() and held.sum() == area.sum():
+        raise ObjectError(
+            f"The pin mask {path} covers the whole object, so nothing of it could move.", "Paint only the part of it that is held in place."
+        )

@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 
 from .. import systems
-from ..errors import ObjectError
 from ..progress import Journal, Progress
 from ..records import Camera, Doubts, Observation
 from ..settings import ObserveSettings
@@ -22,7 +21,7 @@ from .clip.lens import Lens
 from .clip.opencv_threads import one_thread
 from .clip.shake import as_filmed, turning
 from .following import follow
-from .given import check_given
+from .given import check_given, refuse_all_held, refuse_none_held
 from .mask.background import clean_plate
 from .mask.first_mask import read_mask
 from .networks import check_networks
@@ -178,18 +177,12 @@ def _pin(path: str | None, mask: np.ndarray, lens: Lens) -> np.ndarray:
     if path is None:
         return np.zeros_like(mask)
     pin = _held(path, mask, lens)
-    if not pin.any():
-        raise ObjectError(
-            "The pinned pixels do not touch the object.", "Paint the part that is held, over the object in the first frame."
-        )
+    refuse_none_held(pin)
     return pin
 
 
 def _held(path: str, area: np.ndarray, lens: Lens) -> np.ndarray:
     """The pixels of `area` (H, W) bool, which contains the object, that the PNG file `path` holds. Raises ObjectError if that is all."""
     held = lens.straight_map(read_mask(path, area.shape[0], area.shape[1], "pin mask")) & area
-    if held.any() and held.sum() == area.sum():
-        raise ObjectError(
-            f"The pin mask {path} covers the whole object, so nothing of it could move.", "Paint only the part of it that is held in place."
-        )
+    refuse_all_held(held, area, path)
     return held

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..errors import ObjectError, UsageError
+from ..errors import UsageError
 from ..masks import Masks
 from ..progress import Journal, Progress
 from ..records import Doubt
@@ -15,8 +15,7 @@ from .clip.shake import homography, through_mask
 from .mask.background import median_plate
 from .mask.by_turns import sought_in_box, with_background
 from .mask.corrected import Marks, carried_to_first, marks_of, with_corrections
-from .mask.cutting import LEAST_PIXELS
-from .mask.first_mask import read_mask
+from .mask.first_mask import check_outline, read_mask
 from .mask.follow import Surroundings
 from .mask.from_box import box_round
 from .mask.moving.in_box import hardly_moves, moving_from
@@ -102,6 +101,5 @@ def _corrections(steady: Steady) -> tuple[dict[int, np.ndarray], dict[int, Marks
             "Count from 0, as --frames does.",
         )
     outline = lens.straight_map(read_mask(settings.outline, height, width, "outline"))
-    if outline.sum() < LEAST_PIXELS:
-        raise ObjectError(f"The outline {settings.outline} has {int(outline.sum())} pixels, too few for an object.", "Draw it larger.")
+    check_outline(outline, settings.outline)
     return {place: through_mask(outline, still[place])}, marks

@@ -11,6 +11,9 @@ from .option import option
 
 OF_A_BODY = material_options("")
 
+MESHES = (".obj", ".ply", ".npz")
+"""Endings of the files that a mesh may be read from."""
+
 
 @dataclass(frozen=True)
 class BodyEdit:

@@ -8,7 +8,7 @@ from typing import Any
 
 from ..errors import UsageError
 from ..reading import EmptyFile, read_toml
-from .edit import BodyEdit, ColliderEdit, Edit
+from .edit import MESHES, BodyEdit, ColliderEdit, Edit
 from .mapping import from_mapping, shown
 from .option import options_of
 
@@ -51,7 +51,7 @@ def read_edit(path: str | os.PathLike[str]) -> Edit:
 
     Raises:
         UsageError: a file that does not exist or is not TOML, an unknown or missing key, a value out of its range, two bodies with the
-            same name, or no body.
+            same name, no body, or a mesh of another format than `MESHES`.
     """
     values, where = read_users_toml(path, "The edit"), f"The edit {path}"
     tables = tables_of(values, "body", where, "Add [[body]] with a name and a mesh.")
@@ -59,6 +59,7 @@ def read_edit(path: str | os.PathLike[str]) -> Edit:
     _check_names([body.name for body in bodies])
     walls = tables_of(values, "collider", where, "Write [[collider]] with a name and a mesh or plane.", least=0)
     colliders = tuple(from_mapping(ColliderEdit, table, f"{path}, collider {i + 1}") for i, table in enumerate(walls))
+    _check_meshes([body.mesh for body in bodies if body.mesh != "recovered"] + [wall.mesh for wall in colliders if wall.mesh], path)
     return from_mapping(Edit, {**values, "body": bodies, "collider": colliders}, str(path))
 
 
@@ -75,6 +76,15 @@ def names_in(edit: Path | None) -> list[str]:
     rows = [tables, *(row for key in ("body", "collider") for row in tables.get(key, ()) if isinstance(row, dict))]
     named = [(key, value) for row in rows for key, value in row.items() if key in files and isinstance(value, str)]
     return [value for key, value in named if (key, value) != ("mesh", "recovered")]
+
+
+def _check_meshes(files: list[str], path: str | os.PathLike[str]) -> None:
+    """UsageError for the first file of a mesh in the edit `path` whose ending is not one of a mesh."""
+    for file in files:
+        ending = Path(file).suffix
+        if ending.lower() not in MESHES:
+            has = f"the ending {ending}" if ending else "no ending"
+            raise UsageError(f"{file} of {path} has {has}, and a mesh is read from {', '.join(MESHES)}.", "Export the mesh in one of these.")
 
 
 def _check_names(names: list[str]) -> None:

@@ -46,11 +46,22 @@ def first_mask(settings: ObserveSettings, frames: Frames, plate: Plate | None, p
     else:
         mask = _what_moves(frame, plate)
         progress.warn("Neither mask nor box was given: the one thing that moves against the background is taken for the object.")
+    check_extent(mask)
+    return mask
+
+
+def check_extent(mask: np.ndarray) -> None:
+    """Refuse a mask (H, W) bool of the first frame. Raises ObjectError if it covers too few pixels or the whole frame."""
     if mask.sum() < LEAST_PIXELS:
         raise ObjectError(f"The object covers {counted(int(mask.sum()), 'pixel')} of the first frame, too few to follow.", NEITHER)
     if mask.mean() > 0.95:
         raise ObjectError("The object covers the whole first frame.", "Mark only the thing that moves: non-zero pixels are the object.")
-    return mask
+
+
+def check_outline(outline: np.ndarray, path: str) -> None:
+    """Refuse the outline (H, W) bool of a later frame, from the file at `path`. Raises ObjectError if it covers too few pixels."""
+    if outline.sum() < LEAST_PIXELS:
+        raise ObjectError(f"The outline {path} has {counted(int(outline.sum()), 'pixel')}, too few for an object.", "Draw it larger.")
 
 
 def read_mask(path: str, height: int, width: int, what: str = "mask") -> np.ndarray:

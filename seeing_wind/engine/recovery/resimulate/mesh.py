@@ -10,6 +10,7 @@ import numpy as np
 from ...conventions import FARTHEST, in_units
 from ...errors import MissingPackage, UsageError
 from ...reading import LARGEST_ARRAYS, read_arrays, read_text, regular
+from ...settings.edit import MESHES
 
 _HINT = "Give an OBJ, a PLY, or an NPZ with vertices (V,3) in metres and triangles (M,3)."
 
@@ -27,7 +28,7 @@ def load_mesh(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndarray]:
     path = Path(path)
     if not path.is_file():
         raise UsageError(f"There is no mesh {path}.", _HINT)
-    readers = {".obj": _read_obj, ".ply": _read_ply, ".npz": _read_npz}
+    readers = dict(zip(MESHES, (_read_obj, _read_ply, _read_npz), strict=True))
     if path.suffix.lower() not in readers:
         raise UsageError(f"{path.name} has a format that cannot be read.", _HINT)
     vertices, triangles = readers[path.suffix.lower()](path)
