@@ -140,6 +140,8 @@ def distrusted(notes: Sequence[str]) -> list[str]:
     return [note for note in notes if DISTRUST in note]
 
 
+DRAFT = "This is a draft"
+"""Beginning of the note on a field from one iteration."""
 UNHELD = "Nothing was marked as held"
 """Beginning of the note on a force that only balances gravity: by it the panel recognises the note, and offers the remedy."""
 HELD_PLACE = "held place"

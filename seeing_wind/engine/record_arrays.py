@@ -12,8 +12,8 @@ from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
 import numpy as np
 
-from .conventions import distrusted
-from .errors import WrongTake
+from .conventions import DRAFT, distrusted
+from .errors import UsageError, WrongTake
 from .reading import check_record, parse_json
 from .records import Body, Recovery
 from .take import Take
@@ -92,6 +92,28 @@ def _fits(value: Any, kind: Any) -> bool:
     return isinstance(value, kind)
 
 
+def require_take(path: str) -> Take:
+    """A take that has a recovered field.
+
+    Raises:
+        UsageError: there is none at `path`, with what is there instead.
+        WrongTake: its take.toml cannot be read, or is of a newer format. A missing take.toml is no error.
+    """
+    take = Take(path)
+    if not take.path.exists():
+        raise UsageError(f"There is no folder {path}.", "Correct the path, or run `recover` with --take for this folder first.")
+    if not take.path.is_dir():
+        raise UsageError(f"{path} is a file, not the folder of a take.", "Give the folder that `recover` was given with --take.")
+    if not take.file("field.safetensors").is_file():
+        if take.file("resimulation.json").is_file():
+            source = take.source_of("resimulate", "source")
+            hint = f"Give the take that it was simulated in{f', {source}' if source else ''}."
+            raise UsageError(f"{path} holds a re-simulation, not a recovered field.", hint)
+        raise UsageError(f"{path} holds no recovered field.", "Run `recover` with --take for this folder first.")
+    take.description()
+    return take
+
+
 def read_body(take: Take) -> Body:
     """The body of a take. Raises WrongTake if the take has none (one recovered from trajectories)."""
     return from_arrays(Body, take.read_arrays("particles.npz"))
@@ -105,11 +127,22 @@ def read_recovery(take: Take) -> Recovery:
 def useless_notes(trajectory: Path) -> list[str]:
     """The notes of a recovery's file that call its field useless, without reading the rest of it; or that they cannot be read."""
     try:
+        return distrusted(_notes_in(trajectory))
+    except WrongTake as error:
+        return [str(error)]
+
+
+def is_draft(trajectory: Path) -> bool:
+    """Whether the notes of a recovery's file call its field a draft. Raises WrongTake if they cannot be read."""
+    return any(note.startswith(DRAFT) for note in _notes_in(trajectory))
+
+
+def _notes_in(trajectory: Path) -> list[str]:
+    try:
         with np.load(trajectory, allow_pickle=False) as arrays:
-            notes = json.loads(str(arrays["notes"]))
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
-        return [f"The notes in {trajectory} cannot be read ({error}): run `recover` again."]
-    return distrusted(notes)
+            return [str(note) for note in json.loads(str(arrays["notes"]))]
+    except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile) as error:
+        raise WrongTake(f"The notes in {trajectory} cannot be read ({error}).", "Run `recover` again.") from error
 
 
 def recovery_of(arrays: dict[str, np.ndarray]) -> Recovery:

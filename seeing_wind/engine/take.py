@@ -246,20 +246,6 @@ class Take:
                 path.write_text(toml_text(description), encoding="utf-8")
 
 
-def require_take(path: str) -> Take:
-    """A take that has a recovered field.
-
-    Raises:
-        UsageError: there is none at `path`.
-        WrongTake: its take.toml cannot be read, or is of a newer format. A missing take.toml is no error.
-    """
-    take = Take(path)
-    if not take.file("field.safetensors").is_file():
-        raise UsageError(f"{path} holds no recovered field.", "Run `recover` with --take for this folder first.")
-    take.description()
-    return take
-
-
 def _reason(error: OSError | ValueError) -> str:
     """The text of an error of a file, without the path."""
     return str(getattr(error, "strerror", None) or error)

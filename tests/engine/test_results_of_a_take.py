@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from seeing_wind.engine.conventions import DISTRUST
+from seeing_wind.engine.conventions import DISTRUST, DRAFT
 from seeing_wind.engine.field.confidence import ConfidenceMap
 from seeing_wind.engine.field.representations.point import ForceFieldPoint
 from seeing_wind.engine.take import Take
@@ -75,12 +75,14 @@ def test_a_useless_field_is_told_and_used_all_the_same(engine, windy: Path, tmp_
         ["resimulate", windy, "--edit", tmp_path / "edit.toml", "--take", tmp_path / "r.take"],
     )
     bad = f"{DISTRUST}: 48 pixels off."
-    for notes, told in ((None, []), (["A note."], []), (["A note.", bad], [bad])):
+    draft = f"The field of {windy} is a draft, from one iteration: what is made from it is as rough."
+    for notes, told in ((None, []), (["A note."], []), (["A note.", bad], [bad]), ([bad, f"{DRAFT}, from one iteration."], [bad, draft])):
         if notes is not None:
             Take(windy).write_arrays("trajectory.npz", {"notes": np.array(json.dumps(notes))})
         for verb in verbs:
             messages = engine(*verb, expect=0)
-            assert [one["message"] for one in messages if one["type"] == "warning" and DISTRUST in one["message"]] == told
+            said = [one["message"] for one in messages if one["type"] == "warning"]
+            assert [one for one in said if DISTRUST in one or "draft" in one] == told
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="Windows has no such pipes")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import pickle
+import re
 import zipfile
 from pathlib import Path
 
@@ -11,10 +12,10 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.errors import TakeError, UsageError
-from seeing_wind.engine.record_arrays import from_arrays, to_arrays
+from seeing_wind.engine.record_arrays import from_arrays, require_take, to_arrays
 from seeing_wind.engine.records import Outcome, Recovery
 from seeing_wind.engine.settings import BuildSettings
-from seeing_wind.engine.take import Take, require_take, stamp_of
+from seeing_wind.engine.take import Take, stamp_of
 
 
 def recovery() -> Recovery:
@@ -130,6 +131,25 @@ def test_what_reads_a_take_refuses_one_that_it_does_not_understand(tmp_path: Pat
     with pytest.raises(TakeError, match=r"take\.toml cannot be read") as error:
         require_take(str(tmp_path))
     assert ("Update" in error.value.hint) == ("99" in text) and ("Remove it" in error.value.hint) == ("99" not in text)
+
+
+def test_what_is_no_recovery_is_told_with_what_it_is(tmp_path: Path) -> None:
+    (tmp_path / "leaf.mp4").touch()
+    for name in ("empty", "leaf.edit.take", "moved.take"):
+        (tmp_path / name).mkdir()
+    for name in ("leaf.edit.take", "moved.take"):
+        (tmp_path / name / "resimulation.json").touch()
+    Take(tmp_path / "leaf.edit.take").finish("resimulate", "stamp", {"source": "leaf.take", "edit": "edit.toml"})
+    for name, says in (
+        ("none", "There is no folder .*none. Correct the path"),
+        ("leaf.mp4", "leaf.mp4 is a file, not the folder of a take. Give the folder"),
+        ("empty", "empty holds no recovered field. Run `recover`"),
+        ("leaf.edit.take", "holds a re-simulation, not a recovered field. Give the take that it was simulated in, leaf.take."),
+        ("moved.take", "holds a re-simulation, not a recovered field. Give the take that it was simulated in."),
+    ):
+        with pytest.raises(UsageError) as caught:
+            require_take(str(tmp_path / name))
+        assert re.search(says, str(caught.value))
 
 
 def test_stamps_follow_settings_and_file_contents(tmp_path: Path) -> None:

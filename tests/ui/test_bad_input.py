@@ -37,6 +37,7 @@ def test_in_an_empty_file_every_operator_says_what_comes_first(scene) -> None:
         refused(getattr(bpy.ops.seeing_wind, name))
     refused(bpy.ops.seeing_wind.match_scene, "No clip is chosen")
     refused(bpy.ops.seeing_wind.build_scene, "no recovered field")
+    refused(lambda: bpy.ops.seeing_wind.build_scene(take=__file__), "is a file, not a folder. Choose the folder of a take")
 
 
 def test_what_is_no_clip_is_refused_and_the_former_one_stays(scene, workplace, tmp_path) -> None:

@@ -7,7 +7,7 @@ from contextlib import ExitStack
 from typing import Any
 
 from ..progress import Progress
-from ..take import require_take
+from ..record_arrays import require_take
 from .lock import held
 
 

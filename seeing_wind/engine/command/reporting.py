@@ -5,13 +5,14 @@ Other verbs repeat from here what the recovery's notes say against the field.
 
 from __future__ import annotations
 
+import contextlib
 import traceback
 from collections.abc import Callable
 from typing import Any
 
-from ..errors import SeeingWindError
+from ..errors import SeeingWindError, WrongTake
 from ..progress import Cancelled, Journal, Progress
-from ..record_arrays import TRAJECTORY, useless_notes
+from ..record_arrays import TRAJECTORY, is_draft, useless_notes
 from ..records import Outcome, Recovery
 from ..take import VERSION, Take, stamp_of
 
@@ -47,11 +48,15 @@ def report_result(take: Take, recovery: Recovery, level: str, clip: str, draw: D
         return _summary(found, take) | {"warnings": [*distrusted(recovery.notes), warning]}
 
 
-def warn_of_useless(take: Take, progress: Progress) -> None:
-    """Repeat those notes of a take's recovery that call its field useless. A field that no recovery has made has no notes."""
-    if take.file(TRAJECTORY).is_file():
-        for note in useless_notes(take.file(TRAJECTORY)):
+def warn_of_field(take: Take, progress: Progress) -> None:
+    """Repeat that a take's recovery calls its field useless, or a draft. A field that no recovery has made has no notes."""
+    trajectory = take.file(TRAJECTORY)
+    if trajectory.is_file():
+        for note in useless_notes(trajectory):
             progress.warn(note)
+        with contextlib.suppress(WrongTake):  # which the notes above have told
+            if is_draft(trajectory):
+                progress.warn(f"The field of {take.path} is a draft, from one iteration: what is made from it is as rough.")
 
 
 def _summary(report: dict[str, Any], take: Take) -> Result:

@@ -13,12 +13,12 @@ import numpy as np
 
 from ..errors import UsageError
 from ..progress import Progress
-from ..record_arrays import read_body, read_recovery
+from ..record_arrays import read_body, read_recovery, require_take
 from ..settings.tables import read_edit
-from ..take import Take, json_text, npz, require_take, stamp_of
+from ..take import Take, json_text, npz, stamp_of
 from .inputs import check_place, inputs_of_edit, made_of, refuse_of_another_edit
 from .lock import held
-from .reporting import warn_of_useless
+from .reporting import warn_of_field
 
 if TYPE_CHECKING:
     from ..field import ForceField
@@ -44,7 +44,7 @@ def resimulate(arguments: argparse.Namespace, progress: Progress) -> dict[str, A
             raise UsageError(f"{source.path} has no recovered object.", f'{hint} instead of "recovered".')
         recovered = (read_body(source), read_recovery(source))
     stamp = stamp_of(Path(arguments.edit), source.file(FIELD if field.kind == "wind" else "field.safetensors"))
-    warn_of_useless(source, progress)
+    warn_of_field(source, progress)
     holding = held(out, arguments.verb, progress, inputs_of_edit(Path(arguments.edit)), made_of(edit))
     with holding, TakeJournal(out, stamp, progress) as journal:
         progress.begin("resimulate", "simulating")

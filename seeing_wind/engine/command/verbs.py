@@ -9,14 +9,15 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import SeeingWindError, UsageError
 from ..progress import Progress
-from ..take import Take, require_take
+from ..record_arrays import require_take
+from ..take import Take
 from .batch.verb import batch
 from .checks import asked_model
 from .inputs import inputs_of, refuse_overwriting, refuse_result
 from .join import join
 from .observe import observe
 from .recover import recover
-from .reporting import warn_of_useless
+from .reporting import warn_of_field
 from .resimulate import resimulate
 from .trajectories.verb import recover_trajectories
 
@@ -39,7 +40,7 @@ def sample(arguments: argparse.Namespace, progress: Progress) -> Result:
     if out.resolve() == Path(arguments.points).resolve():
         raise UsageError(f"{out} is the file of the points.", "Give --out another name.")
     refuse_result(out)
-    warn_of_useless(take, progress)
+    warn_of_field(take, progress)
     points, frame = read_points(arguments.points), arguments.frame
     force_density, confidence = sample_points(field, points, frame, progress)
     arrays = {"force_density": force_density, "confidence": confidence, "distance": distances(field, points, frame)}
@@ -64,7 +65,7 @@ def export(arguments: argparse.Namespace, progress: Progress) -> Result:
     refuse_result(out, folder=arguments.format != "npz" or not out.name)
     if arguments.format == "npz" and out.name:
         refuse_result(out.with_name(f"{out.name.removesuffix('.npz')}.npz"))  # as it is completed
-    warn_of_useless(take, progress)
+    warn_of_field(take, progress)
     progress.begin("export", arguments.format)
     files = export_field(field, arguments.format, Path(arguments.out), progress, wind=None if wind is None else _felt(wind, arguments))
     return {"outcome": "converged", "files": [str(path) for path in files]}

@@ -20,7 +20,7 @@ from ..progress import Journal, Progress
 from ..records import Material, Particles, PointTargets, Recovery, TrackTargets
 from ..settings import RecoverSettings
 from .clip import Clip, Foresee, still_frames, unforeseen
-from .diagnostics.remarks import BORNE, DRAFT, moving_clamp_remark, ringing_remarks
+from .diagnostics.remarks import BORNE, DRAFTED, moving_clamp_remark, ringing_remarks
 from .solve.constants import PACE
 from .solve.known_body import KnownBody
 from .solve.stiffness import Stiffness, is_free, youngs_modulus
@@ -75,7 +75,7 @@ def recover(
     if moving is not None:
         sources = [moving.in_clamp_frame(one) for one in sources if isinstance(one, PointTargets)]
     channels = [channels_of(particles, one, plastic) for one in sources]
-    notes = [DRAFT] if settings.iterations == 1 else []
+    notes = [DRAFTED] if settings.iterations == 1 else []
     notes += [] if moving is None else [moving_clamp_remark(moving)]
     model, model_notes = _model(particles, material, channels, fps, settings, plastic)
     objective, borne = Objective(channels), None

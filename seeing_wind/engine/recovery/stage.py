@@ -15,10 +15,10 @@ from ..conventions import in_units
 from ..materials import LIMITS
 from ..mpm.courant import substeps_of
 from ..progress import Journal, Progress, in_words
-from ..record_arrays import TRAJECTORY, read_recovery, recovery_of, to_arrays
+from ..record_arrays import TRAJECTORY, read_recovery, recovery_of, require_take, to_arrays
 from ..records import Material, Outcome, Particles, PointTargets, Recovery, TrackTargets
 from ..settings import RecoverSettings, to_mapping
-from ..take import VERSION, Take, require_take, stamp_of
+from ..take import VERSION, Take, stamp_of
 from .clip import Foresee, unforeseen
 from .cost import measure_speed, points_in, work_of
 from .journal import TakeJournal

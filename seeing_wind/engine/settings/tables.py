@@ -84,7 +84,7 @@ def _check_meshes(files: list[str], path: str | os.PathLike[str]) -> None:
         ending = Path(file).suffix
         if ending.lower() not in MESHES:
             has = f"the ending {ending}" if ending else "no ending"
-            raise UsageError(f"{file} of {path} has {has}, and a mesh is read from {', '.join(MESHES)}.", "Export the mesh in one of these.")
+            raise UsageError(f"{file} of {path} has {has}, and a mesh is read from {', '.join(MESHES)}.", "Export it in one of these.")
 
 
 def _check_names(names: list[str]) -> None:

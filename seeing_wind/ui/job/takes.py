@@ -183,7 +183,9 @@ def shown(settings: bpy.types.PropertyGroup) -> Path:
 
 
 def gone(folder: Path) -> tuple[str, str]:
-    """Message and hint for a take whose folder does not exist."""
+    """Message and hint for a take whose folder does not exist, or is a file."""
+    if folder.exists():
+        return f"{folder} is a file, not a folder.", "Choose the folder of a take."
     return f"There is no folder {folder}.", "Put it beside the .blend file, or run Recover again."
 
 

@@ -10,7 +10,7 @@ from seeing_wind.engine.field.confidence import confidence_map
 from seeing_wind.engine.progress import Cancelled, NoProgress, Progress
 from seeing_wind.engine.records import Attachment, Outcome, Particles, PointTargets, TrackTargets
 from seeing_wind.engine.recovery.blocks import blocks
-from seeing_wind.engine.recovery.diagnostics.remarks import DRAFT
+from seeing_wind.engine.recovery.diagnostics.remarks import DRAFTED
 from seeing_wind.engine.recovery.recover import recover
 from seeing_wind.engine.recovery.solve.constants import PACE
 from seeing_wind.engine.settings import RecoverSettings
@@ -50,7 +50,7 @@ def test_one_iteration_gives_a_draft_that_says_so():
     )
     assert whole.outcome is Outcome.CONVERGED and draft.outcome is Outcome.MAX_ITERATIONS
     assert draft.iterations < whole.iterations
-    assert [[note for note in each.notes if "This is a draft" in note] for each in (whole, draft)] == [[], [DRAFT]]
+    assert [[note for note in each.notes if "This is a draft" in note] for each in (whole, draft)] == [[], [DRAFTED]]
     assert relative(draft.force_density, 400.0 * wind) < 0.2
 
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...conventions import DISTRUST, UNHELD, frame_named, frames_named, in_figures, in_units
+from ...conventions import DISTRUST, DRAFT, UNHELD, frame_named, frames_named, in_figures, in_units
 from ...records import Particles
 from ..prior.basis import runs_of
 from ..targets.clamp_motion import ClampMotion
@@ -77,9 +77,8 @@ def motion_remarks(particles: Particles, x: np.ndarray, residual: np.ndarray, vi
     return notes
 
 
-DRAFT = (
-    "This is a draft, from one iteration: its force is rough, and so is every verdict on it. Recover without --iterations 1 for the "
-    "final one."
+DRAFTED = (
+    f"{DRAFT}, from one iteration: its force is rough, and so is every verdict on it. Recover without --iterations 1 for the final one."
 )
 BORNE = (
     "The object is taken to bear its weight as it stands in frame 0, so the force found is what moves it from there. Where it did begin "
