@@ -205,8 +205,9 @@ def transfer(take: Path, scene: Scene, kind: str) -> float:
     lines = [f'field = "{kind}"', f"gravity = {list(map(float, scene.gravity))}", "[[body]]", 'name = "plate"', 'mesh = "plate.npz"']
     lines += [f"mass = {heavy.areal_density * float(length * width)}", f"youngs_modulus = {YOUNGS_MODULUS}", "poisson_ratio = 0.3"]
     (take / "heavy.toml").write_text("\n".join(lines) + "\n")
-    engine("resimulate", take, "--edit", take / "heavy.toml", "--take", take / f"heavy_{kind}")
-    path = read_arrays(take / f"heavy_{kind}" / "bodies" / "plate.npz")["vertices"].mean(axis=1)
+    out = take.with_name(f"heavy_{kind}")
+    engine("resimulate", take, "--edit", take / "heavy.toml", "--take", out)
+    path = read_arrays(out / "bodies" / "plate.npz")["vertices"].mean(axis=1)
     true = moved(heavy)[0].mean(axis=1)
     return 100.0 * float(np.linalg.norm(path[-1] - true[-1]) / np.linalg.norm(true[-1] - true[0]))
 

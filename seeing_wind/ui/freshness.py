@@ -8,6 +8,7 @@ from typing import TypeVar
 import bpy
 from bpy.app.handlers import persistent
 
+from ..engine.conventions import PANEL_INPUTS
 from ..engine.errors import SeeingWindError
 from .bake.plan import stamp_of_bakes
 from .clip.object.options import object_options
@@ -18,7 +19,7 @@ from .edit.resimulate.preview import digest_of_preview, goes_before, shown_as_pr
 from .edit.resimulate.request import EditRequest
 from .edit.sheet_label import measure
 from .job import status
-from .job.takes import INPUTS, simulated, stamp_of, take_folder
+from .job.takes import simulated, stamp_of, take_folder
 from .recover.request import RecoverRequest, scene_values
 from .scene_units import learn_units
 
@@ -34,7 +35,7 @@ def refresh(scene: bpy.types.Scene) -> None:
     values, take = scene_values(settings), take_folder(settings)
     clip = _attempt(now, "clip", lambda: clip_options(settings, values), bool(settings.clip))
     begun = any(settings.box) or settings.object_mode != "BOX"
-    marked = _attempt(now, "object", lambda: object_options(settings, values, take / INPUTS), begun)
+    marked = _attempt(now, "object", lambda: object_options(settings, values, take / PANEL_INPUTS), begun)
     lacking = f"{now.steps['clip'].message} {now.steps['object'].message}"  # used in place of a digest
     status.derive(now, "preview", preview_digest(clip, marked) if clip and marked else lacking, settings.previewed_digest)
     now.foreseen = bool(clip and marked) and foreseen_digest(values, clip, marked) == settings.foreseen_digest

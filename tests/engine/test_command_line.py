@@ -100,6 +100,7 @@ def test_a_take_that_is_a_file(engine, square: Path) -> None:
 
 def test_a_report_that_cannot_be_written_is_an_exit_code_of_its_own(engine, square: Path, tmp_path: Path) -> None:
     (tmp_path / "t.take" / "report.png").mkdir(parents=True)
+    (tmp_path / "t.take" / "take.lock").touch()
     quick = ["--distance", 2, "--iterations", 1, "--representation", "point", "--frames", "0:7"]
     result = engine("recover", square, "--take", tmp_path / "t.take", "--box", 12, 10, 32, 30, *quick, expect=DONE_WITH_WARNINGS)[-1]
     assert result["type"] == "result" and any("report.png" in warning for warning in result["warnings"])

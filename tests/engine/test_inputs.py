@@ -96,12 +96,64 @@ def test_so_do_an_edit_and_the_meshes_that_it_names(mine, windy: Path, tmp_path:
     refused(edit, "resimulate", take, "--edit", edit, "--take", edit.parent, says="resimulation.json lies in the take")
 
 
-@pytest.mark.parametrize("name", ["report.json", "bodies/leaf.npz"])
-def test_a_folder_of_somebody_s_files_does_not_become_a_take(mine, tmp_path: Path, name: str) -> None:
-    path, clip = mine(name), tmp_path / "clip.mp4"
-    clip.write_bytes(MINE)
-    folder = tmp_path / "own"
-    refused(path, "recover", clip, "--take", folder, "--box", 1, 1, 9, 9, says=f"own is not a take and holds {name}")
+@pytest.mark.parametrize("name", ["report.json", "bodies/leaf.npz", "shot.mp4", "plates/0001.png"])
+def test_a_folder_of_somebody_s_files_does_not_become_a_take(mine, windy: Path, tmp_path: Path, name: str) -> None:
+    path, clip, edit = mine(name), mine("clip.mp4"), mine("edit.toml")
+    truth = tmp_path / "truth.npz"
+    edit.write_text('[[body]]\nname = "leaf"\nmesh = "recovered"\n')
+    x = 0.1 * np.stack(np.meshgrid(*[np.arange(3.0)] * 3, indexing="ij"), -1).reshape(-1, 3)
+    np.savez(truth, x=np.stack([x - [0, 0, 0.01 * t * t] for t in range(5)]), fps=24.0, E=1e5)
+    (tmp_path / "objects.json").write_text("{}")
+    into, asked = ["--take", tmp_path / "own"], ["--material-endpoint", "http://localhost:1/v1", "--material-model", "any"]
+    for words, others in (
+        (["observe", clip, *into, "--box", 1, 1, 9, 9], ("edit.toml",)),
+        (["recover", clip, *into, "--box", 1, 1, 9, 9], ("edit.toml",)),
+        (["recover", clip, *into, "--objects", tmp_path / "objects.json"], ("edit.toml",)),
+        (["identify", clip, *into, *asked], ("edit.toml",)),
+        (["recover-trajectories", truth, *into], ("clip.mp4", "edit.toml")),
+        (["resimulate", windy, "--edit", edit, *into], ("clip.mp4",)),
+    ):
+        named = ", ".join(sorted([*others, name.split("/")[0]]))
+        refused(path, *words, says=f"own is not a take and holds {named}\\.")
+
+
+def test_of_many_files_the_first_are_named(mine, tmp_path: Path) -> None:
+    clip = mine("clip.mp4")
+    for number in range(6):
+        mine(f"plate{number}.png")
+    words = ["recover", clip, "--take", clip.parent, "--box", 1, 1, 9, 9]
+    refused(clip, *words, says="holds plate0.png, plate1.png, plate2.png and 3 more files")
+
+
+def test_a_folder_of_what_the_job_reads_and_what_programs_leave_becomes_a_take(mine, windy: Path, tmp_path: Path) -> None:
+    """The clip is none, which is told after; nothing of the attempt is left."""
+    clip, mask = mine("clip.mp4"), mine("masks/first.png")
+    for name in (".DS_Store", "Thumbs.db", "blender_inputs/camera.json", "objects.json", "objects/leaf.png"):
+        mine(name)
+    before = set(clip.parent.rglob("*"))
+    for verb in ("observe", "recover"):
+        with pytest.raises(ClipError):
+            run(verb, clip, "--take", clip.parent, "--mask", mask)
+        assert set(clip.parent.rglob("*")) == before
+    edit, leaf = mine("panel/edit.toml"), mine("panel/leaf.obj")
+    mine("panel/flag.obj")  # of a former attempt
+    edit.write_text('# scene 1\n[[body]]\nname = "leaf"\nmesh = "leaf.obj"\n')
+    with pytest.raises(UsageError, match="leaf.obj"):
+        run("resimulate", windy, "--edit", edit, "--take", edit.parent)
+    assert sorted(path.name for path in edit.parent.iterdir()) == ["edit.toml", "flag.obj", "leaf.obj"] and leaf.read_bytes() == MINE
+
+
+@pytest.mark.parametrize("deep", ["edit", "a/b/edit"])
+def test_no_take_is_made_inside_a_take(mine, windy: Path, tmp_path: Path, deep: str) -> None:
+    clip, edit = mine("clip.mp4"), tmp_path / "edit.toml"
+    edit.write_text('[[body]]\nname = "leaf"\nmesh = "recovered"\n')
+    field = windy / "field.safetensors"
+    refused(field, "resimulate", windy, "--edit", edit, "--take", windy / deep, says="edit is inside the take .*windy.take")
+    refused(field, "recover", clip, "--take", windy / deep, "--box", 1, 1, 9, 9, says="edit is inside the take .*windy.take")
+    assert sorted(windy.iterdir()) == [field]
+    Take(windy / deep).finish("resimulate", "0", {"edit": str(edit)})  # as an earlier version did
+    with pytest.raises(UsageError, match="has no recovered object"):
+        run("resimulate", windy, "--edit", edit, "--take", windy / deep)
 
 
 @pytest.mark.parametrize("sign", ["take.toml", "take.lock"])

@@ -56,6 +56,7 @@ def test_the_second_is_told_who_holds_the_take_and_since_when(tmp_path: Path) ->
 
 @pytest.mark.parametrize("ends", ["by itself", "killed"])
 def test_the_lock_ends_with_its_process(tmp_path: Path, ends: str) -> None:
+    (tmp_path / NAME).touch()
     with other_process(tmp_path) as other:
         if ends == "killed":
             other.kill()
@@ -124,6 +125,24 @@ def test_a_take_that_is_removed_under_its_holder_is_told(tmp_path: Path, again: 
             with held(Take(folder), "recover", NoProgress()):
                 pass
     assert ["removed or replaced" in message["message"] for message in said] == [True]
+
+
+@pytest.mark.parametrize("kept", [False, True])
+def test_the_lock_is_left_only_in_a_folder_in_which_something_was_kept(tmp_path: Path, kept: bool) -> None:
+    (tmp_path / "clip.mp4").touch()
+    reads = [("the clip", tmp_path / "clip.mp4")]
+    for folder, before in ((tmp_path, ["clip.mp4"]), (tmp_path / "empty", []), (tmp_path / "new", None)):
+        if before == []:
+            folder.mkdir()
+        with pytest.raises(TakeError), held(Take(folder), "observe", NoProgress(), reads) as take:
+            if kept:
+                take.write_json("preview.json", {})
+            raise TakeError("Refused.")
+        there = sorted(path.name for path in folder.iterdir()) if folder.exists() else None
+        assert there == ([*(before or []), "preview.json", NAME] if kept else before)
+        if kept:
+            take.file(NAME).unlink()
+            take.file("preview.json").unlink()
 
 
 def test_a_take_that_stays_is_no_cause_of_a_warning(tmp_path: Path) -> None:

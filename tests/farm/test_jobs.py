@@ -9,12 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from seeing_wind.engine.command.batch.delivery import Incoming
 from seeing_wind.engine.command.batch.in_order import run_in_order
 from seeing_wind.engine.command.batch.jobs import FIELD, Job, read_jobs
 from seeing_wind.engine.command.batch.summary import Summary
+from seeing_wind.engine.command.lock import held
 from seeing_wind.engine.conventions import DISTRUST
-from seeing_wind.engine.errors import SeeingWindError, UsageError
-from seeing_wind.engine.progress import Cancelled
+from seeing_wind.engine.errors import SeeingWindError, TakeError, UsageError
+from seeing_wind.engine.progress import Cancelled, NoProgress
 from seeing_wind.engine.take import Take
 
 TABLE = '[[job]]\nname = "{0}"\nclip = "clip.mp4"\ntake = "{0}.take"\n'
@@ -258,6 +260,8 @@ def test_options_become_words(workplace):
         ),
         (FULL + 'edit_take = "leaf.take"', r'The edit_take of "leaf" is the take of "leaf", \S*leaf.take'),
         (FULL + 'edit_take = "b.take"\n' + TABLE.format("b"), r'The edit_take of "leaf" is the take of "b"'),
+        (FULL + 'edit_take = "leaf.take/edit"', r'"leaf" writes \S*edit, which is inside the take \S*leaf.take\.'),
+        (FULL + TABLE.format("b").replace("b.take", "leaf.edit.take/b.take"), r'"b" writes \S*b.take, which is inside the take'),
         (FULL + TABLE.format("b") + 'edit = "edit.toml"\nedit_take = "leaf.edit.take"', '"leaf" and "b" both write'),
         ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nrecover = { objects = "none.json" }', r'objects of "job 1": there is no file'),
         ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nrecover = { body = "none.take" }', r'body of "job 1": there is no folder'),
@@ -318,6 +322,22 @@ def test_further_views_are_found_from_the_file_of_jobs(workplace: Path) -> None:
 def test_a_body_may_be_that_of_a_job_above(workplace: Path) -> None:
     (workplace / "jobs.toml").write_text(TABLE.format("a") + TABLE.format("b") + 'recover = { body = "a.take" }\n')
     assert read_jobs(workplace / "jobs.toml")[1].calls()[0][4:] == ["--body", str(workplace / "a.take")]
+
+
+def test_a_take_from_a_node_takes_the_place_of_a_folder_of_inputs_but_not_of_one_in_use(tmp_path: Path) -> None:
+    folder = tmp_path / "leaf.take"
+    folder.mkdir()
+    (folder / "mask.png").write_bytes(b"sent with the job, and returned")
+    for content in (b"first", b"second"):
+        incoming = Incoming([str(folder)], NoProgress())
+        for name in (FIELD, "mask.png"):
+            incoming.write(str(folder), name, content)
+        if content == b"second":
+            with held(Take(folder), "recover", NoProgress()), pytest.raises(TakeError, match="is in use"):
+                incoming.accept()
+        else:
+            incoming.accept()
+        assert (folder / FIELD).read_bytes() == b"first"
 
 
 def test_a_job_s_options_name_no_other_take(workplace: Path) -> None:

@@ -9,7 +9,7 @@ import re
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from ..conventions import image_files, is_sequence
+from ..conventions import EDIT, OF_SCENE, PANEL_INPUTS, counted, image_files, is_sequence
 from ..errors import UsageError
 from ..settings import BuildSettings, Edit, ObserveSettings, RecoverSettings, options_of
 from ..settings.tables import names_in
@@ -17,8 +17,13 @@ from ..take import RESULTS, Take
 
 MADE = rf"{RESULTS.pattern}|bodies/[^/.][^/]*\.npz"
 """Pattern of the files that stages write into a take, relative to its folder."""
-SIGNS = ("take.toml", "take.lock", "field.safetensors")
+LOCK = "take.lock"
+SIGNS = ("take.toml", LOCK, "field.safetensors")
 """A folder with any of these files is a take. A job that is killed before it stamps its first stage leaves only the lock."""
+BESIDE = re.compile(rf"\..*|Thumbs\.db|desktop\.ini|{PANEL_INPUTS}|objects|objects(_recovered)?\.json")
+"""Names of what may be in a folder that becomes a take: what systems put into any folder, the panel's inputs, and what `identify` found."""
+SHOWN = 3
+"""Number of files, at most, that a message names."""
 TRUTH = ("trajectories", "truth")
 """Stage and key, in take.toml, under which a take keeps the file of trajectories that it was recovered from."""
 RECOVERED = ("observation.npz", "solve.npz", "field.safetensors")
@@ -54,9 +59,10 @@ def check_place(take: Take, inputs: Iterable[tuple[str, Path]] = (), made: str =
     Raises:
         UsageError: as `Take.refuse_file`, `refuse_overwriting` and `refuse_foreign`.
     """
+    read = list(inputs)
     take.refuse_file()
-    refuse_overwriting(take, inputs, made)
-    refuse_foreign(take)
+    refuse_overwriting(take, read, made)
+    refuse_foreign(take, read)
 
 
 def refuse_overwriting(take: Take, inputs: Iterable[tuple[str, Path]], made: str = MADE) -> None:
@@ -87,18 +93,49 @@ def made_of(edit: Edit) -> str:
     return "|".join([RESULTS.pattern, *(re.escape(f"bodies/{body.name}.npz") for body in edit.body)])
 
 
-def refuse_foreign(take: Take) -> None:
-    """Check that a folder that is not a take yet holds no files that a take's files would replace.
+def refuse_foreign(take: Take, inputs: Iterable[tuple[str, Path]], of_takes: bool = False) -> None:
+    """Check that a folder that is not a take yet may become one: it is not in a take, and new or empty, but for the job's own inputs.
+
+    Args:
+        inputs: the files that are read, each as (name in messages, path).
+        of_takes: whether takes may be in it, which its objects' takes are.
 
     Raises:
-        UsageError: it does.
+        UsageError: it is in a take, or something else is in it.
     """
-    if not take.path.is_dir() or any(take.file(name).exists() for name in SIGNS):
+    if _is_take(take.path) or _is_of_panel(take.path):
         return
-    for path in sorted([*take.path.iterdir(), *take.path.glob("bodies/*")]):
-        if path.is_file() and _is_made(take.path, path, MADE):
-            name = path.relative_to(take.path).as_posix()
-            raise UsageError(f"{take.path} is not a take and holds {name}.", "Choose another folder with --take.")
+    home = Path(os.path.realpath(take.path))
+    around = next((folder for folder in home.parents if any((folder / name).is_file() for name in SIGNS if name != LOCK)), None)
+    if around is not None:
+        hint = "Choose a folder beside that with --take: a take is moved, sent and replaced as a whole."
+        raise UsageError(f"{take.path} is inside the take {around}.", hint)
+    if not take.path.is_dir():
+        return
+    read = {Path(os.path.realpath(path.parent), path.name) for _, path in inputs} | {Path(os.path.realpath(path)) for _, path in inputs}
+    own = read.union(*(path.parents for path in read))
+    foreign = sorted(
+        path.name
+        for path in home.iterdir()
+        if not BESIDE.fullmatch(path.name) and path not in own and not (of_takes and _is_take(path))
+    )
+    if foreign:
+        more = f" and {counted(len(foreign) - SHOWN, 'more file')}" if len(foreign) > SHOWN else ""
+        named = ", ".join(foreign[:SHOWN]) + more
+        raise UsageError(f"{take.path} is not a take and holds {named}.", "Choose a new or an empty folder with --take.")
+
+
+def _is_take(folder: Path) -> bool:
+    return any((folder / name).exists() for name in SIGNS)
+
+
+def _is_of_panel(folder: Path) -> bool:
+    """Whether the panel has written an edit into a folder, which is then for the re-simulation of that edit."""
+    try:
+        with open(folder / EDIT, "rb") as file:
+            return file.read(len(OF_SCENE)) == OF_SCENE.encode()
+    except OSError:
+        return False
 
 
 def refuse_result(path: Path, folder: bool = False) -> None:

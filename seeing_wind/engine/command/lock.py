@@ -22,7 +22,7 @@ from ..progress import Progress
 from ..take import Take
 from . import inputs
 
-NAME = "take.lock"
+NAME = inputs.LOCK
 LONGEST = 1000
 """Most bytes that are read of what the lock's holder has written."""
 LOCKED_BYTE = 2**20
@@ -49,7 +49,7 @@ def held(take: Take, verb: str, progress: Progress, reads: Iterable[tuple[str, P
         TakeError: the folder cannot be written to. WrongTake: the lock is not a file.
     """
     inputs.check_place(take, reads, made)
-    new = not take.path.exists()
+    before = _names_in(take)
     take.prepare()
     try:
         with _opened(take.file(NAME)) as file:
@@ -74,16 +74,25 @@ def held(take: Take, verb: str, progress: Progress, reads: Iterable[tuple[str, P
             finally:
                 _sign(file, {})
     finally:
-        if new:
-            _remove_if_empty(take)
+        _leave(take, before)
 
 
-def _remove_if_empty(take: Take) -> None:
-    """Remove a folder in which nothing was kept, such as that of a job that found no clip."""
+def _names_in(take: Take) -> set[str] | None:
+    """Names of the files and folders in a take's folder; None if there is no such folder."""
+    return {path.name for path in take.path.iterdir()} if take.path.is_dir() else None
+
+
+def _leave(take: Take, before: set[str] | None) -> None:
+    """After a job that has kept nothing, such as one that found no clip, remove the lock and the folder, as far as the job made them.
+
+    `before`: as `_names_in` before the job. The lock, which alone makes a folder a take, would be left in a folder of the user's files.
+    """
     with contextlib.suppress(OSError):
-        if [path.name for path in take.path.iterdir()] == [NAME]:
+        now = _names_in(take)
+        if now is not None and NAME in now and now <= {NAME, *(before or ())} and NAME not in (before or ()):
             take.file(NAME).unlink()
-            take.path.rmdir()
+            if before is None:
+                take.path.rmdir()
 
 
 def _opened(path: Path) -> IO[bytes]:

@@ -17,7 +17,7 @@ from ..stages import build_stage, check_sheet, frame_loss, lift_stage, observe_s
 from ..take import Take, stamp_of
 from .arguments import observe_settings, settings_of
 from .checks import check_files, check_options, check_recovery, of_view
-from .inputs import inputs_of, refuse_of_another
+from .inputs import inputs_of, refuse_foreign, refuse_of_another
 from .join import join
 from .lock import held
 from .reporting import diverged_result, report_result
@@ -48,7 +48,6 @@ def _recover_objects(arguments: argparse.Namespace, progress: Progress) -> Resul
         UsageError: the file was not written by `identify`, or an option applies to a single object only.
     """
     home, found = Path(arguments.take), _each_object(arguments)
-    refuse_of_another(Take(home), arguments.clip)
     Take(home).prepare()
     results: list[Result] = []
     for number, (name, own) in enumerate(found.items(), start=1):
@@ -78,6 +77,8 @@ def _each_object(arguments: argparse.Namespace) -> dict[str, argparse.Namespace]
 
     if arguments.view or arguments.tracks:
         raise UsageError("--view and --tracks belong to one object.", "Leave them out, or recover the objects one by one with --mask.")
+    refuse_of_another(Take(arguments.take), arguments.clip)
+    refuse_foreign(Take(arguments.take), [*inputs_of(arguments), ("--objects", Path(arguments.objects))], of_takes=True)
     found = {}
     for one in read_objects(arguments.objects):
         own = argparse.Namespace(**vars(arguments))

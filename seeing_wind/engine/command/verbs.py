@@ -13,7 +13,7 @@ from ..record_arrays import require_take
 from ..take import Take
 from .batch.verb import batch
 from .checks import asked_model
-from .inputs import inputs_of, refuse_overwriting, refuse_result
+from .inputs import inputs_of, refuse_foreign, refuse_overwriting, refuse_result
 from .join import join
 from .observe import observe
 from .recover import recover
@@ -85,12 +85,14 @@ def identify(arguments: argparse.Namespace, progress: Progress) -> Result:
 
     endpoint = asked_model(arguments)
     assert endpoint is not None  # both options are required
-    refuse_overwriting(Take(arguments.take), inputs_of(arguments), r"objects\.json|objects/[^/]+\.png")
-    Take(arguments.take).prepare()
+    take, inputs = Take(arguments.take), list(inputs_of(arguments))
+    refuse_overwriting(take, inputs, r"objects\.json|objects/[^/]+\.png")
+    refuse_foreign(take, inputs, of_takes=True)
+    take.prepare()
     first = arguments.frames[0] if arguments.frames else 0
     frame = read_clip(arguments.clip, (first, first + 1), fps=1.0, progress=progress).frames[0]
     found = find_objects(endpoint, frame, arguments.detector_model, arguments.mask_model, progress)
-    return {"outcome": "converged", "objects": write_objects(Take(arguments.take), found)}
+    return {"outcome": "converged", "objects": write_objects(take, found)}
 
 
 def doctor(arguments: argparse.Namespace, progress: Progress) -> Result:

@@ -20,15 +20,10 @@ from pathlib import Path
 import bpy
 
 from ...engine import systems
+from ...engine.conventions import EDIT, OF_SCENE
 from ...engine.errors import TakeError
 from ..clip.inputs.clip_files import is_another_film
 from ..user_paths import absolute
-
-EDIT = "edit.toml"
-"""File of an edit made in the panel, in the folder of its re-simulation."""
-
-INPUTS = "blender_inputs"
-"""Folder in the take for files that are made from the scene."""
 
 NO_FIELD = "There is no recovered field."
 
@@ -129,7 +124,7 @@ def refuse_read_only(folder: Path, hint: str) -> None:
 def own(settings: bpy.types.PropertyGroup) -> str:
     """The line in an edit's file that identifies its scene, even if the .blend file is renamed or moved later."""
     settings.owner, settings.owner_file = settings.owner or uuid.uuid4().hex, bpy.data.filepath
-    return f"# scene {settings.owner}"
+    return f"{OF_SCENE}{settings.owner}"
 
 
 def _has_left(settings: bpy.types.PropertyGroup, take: Path) -> bool:
@@ -147,7 +142,7 @@ def _owner(folder: Path) -> str | None:
             first = file.readline()
     except OSError:
         return None
-    return first.removeprefix("# scene ").strip() if first.startswith("# scene ") else None
+    return first.removeprefix(OF_SCENE).strip() if first.startswith(OF_SCENE) else None
 
 
 def stamp_of(folder: Path, stage: str = "recover") -> str:

@@ -10,13 +10,14 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
+from ...engine.conventions import PANEL_INPUTS
 from ...engine.errors import UsageError
 from ...engine.settings import BuildSettings, ObserveSettings, RecoverSettings, WindSettings, options_of, words_of
 from ..clip.inputs.clip_files import content_of, files_of
 from ..clip.object.options import object_options
 from ..clip.options import View, clip_options
 from ..job.status import digest_of
-from ..job.takes import INPUTS, take_folder
+from ..job.takes import take_folder
 from ..option_properties import part_of, single, values_of
 from ..scene_units import metres_per_unit
 
@@ -39,7 +40,7 @@ class RecoverRequest:
     wind: WindSettings = WindSettings()
     views: tuple[View, ...] = ()
     inputs: tuple[SceneInput, ...] = ()
-    """Files that `observe` names in the take's folder `INPUTS`, to be made by `write_inputs`."""
+    """Files that `observe` names in the take's folder `PANEL_INPUTS`, to be made by `write_inputs`."""
 
     @classmethod
     def of(cls, scene: bpy.types.Scene) -> RecoverRequest:
@@ -52,7 +53,7 @@ class RecoverRequest:
         """
         settings, take = scene.seeing_wind, take_folder(scene.seeing_wind)
         values = scene_values(settings)
-        clip, marked = clip_options(settings, values), object_options(settings, values, take / INPUTS)
+        clip, marked = clip_options(settings, values), object_options(settings, values, take / PANEL_INPUTS)
         return cls.from_parts(scene, values, take, clip, marked)
 
     @classmethod
@@ -76,7 +77,7 @@ class RecoverRequest:
     def files(self) -> list[Path]:
         """All files that the recovery reads, except those made from the scene."""
         named = [getattr(self.observe, name) for name in FILES]
-        given = [Path(path) for path in named if path is not None and Path(path).parent != self.take / INPUTS]
+        given = [Path(path) for path in named if path is not None and Path(path).parent != self.take / PANEL_INPUTS]
         if self.recover.body is not None:
             given.append(Path(self.recover.body, "trajectory.npz"))
         return [*files_of(self.clip), *given, *(Path(path) for view in self.views for path in view)]
@@ -97,7 +98,7 @@ class RecoverRequest:
     def write_inputs(self) -> None:
         """Write the files made from the scene. Raises SeeingWindError when mask, tracks or proxy are empty."""
         for each in self.inputs:
-            each.write(self.take / INPUTS / each.name)
+            each.write(self.take / PANEL_INPUTS / each.name)
 
 
 def existing_take(folder: str | None) -> None:

@@ -9,13 +9,13 @@ import bpy
 import numpy as np
 import pytest
 
+from seeing_wind.engine.conventions import PANEL_INPUTS
 from seeing_wind.engine.errors import ObjectError, UsageError
 from seeing_wind.ui.clip.clip_scene import setup_clip_scene
 from seeing_wind.ui.clip.frame_on_screen import box_in_frame, box_on_screen
 from seeing_wind.ui.clip.inputs.clip_files import as_pattern
 from seeing_wind.ui.clip.inputs.scene_inputs import scene_inputs
 from seeing_wind.ui.clip.options import clip_options
-from seeing_wind.ui.job.takes import INPUTS
 from seeing_wind.ui.recover.request import RecoverRequest, scene_values
 from tests.ui.clip.inputs import FRAMES, HEIGHT, WIDTH, camera, spline, with_box, written
 
@@ -82,7 +82,7 @@ def test_one_request_gives_options_digest_and_files(settings, tmp_path) -> None:
     spline(mask.layers.new(name="Outer"), [(20.5, 10.5), (60.5, 10.5), (60.5, 40.5), (20.5, 40.5)])
     settings.take, settings.object_mode, settings.mask_data = str(tmp_path / "one.take"), "BLENDER_MASK", mask
     request = RecoverRequest.of(scene)
-    file = tmp_path / "one.take" / INPUTS / "mask.png"
+    file = tmp_path / "one.take" / PANEL_INPUTS / "mask.png"
     words = request.arguments()
     assert words[words.index("--mask") + 1] == str(file) and request.files() == [Path(settings.clip)] and not file.exists()
     with pytest.raises(dataclasses.FrozenInstanceError):

@@ -93,8 +93,9 @@ class Incoming:
             former = place.with_name(f".{Path(take).name}.former")
             try:
                 if Path(take).exists():
-                    with lock.held(Take(take), "batch", self._progress):  # fails if another process writes there
-                        pass
+                    if Take(take).file(lock.NAME).exists():
+                        with lock.held(Take(take), "batch", self._progress):  # fails if another process writes there
+                            pass
                     shutil.rmtree(former, ignore_errors=True)
                     systems.replace(take, former)
                 systems.replace(place, take)

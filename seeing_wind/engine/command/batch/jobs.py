@@ -166,6 +166,8 @@ def _check_together(jobs: list[Job]) -> None:
     takes = {job.take: job.name for job in jobs}
     makers: dict[Path, Job] = {}
     made: list[Path] = []
+    # The takes of a list of objects lie in that job's folder, which is no take.
+    wholes = [take for job in jobs if "objects" not in job.recover for take in job.takes()]
     for job in jobs:
         for key, file in job.named_files():
             if not _is_there(key, file) and not any(take in (file, *file.parents) for take in made):
@@ -189,6 +191,10 @@ def _check_together(jobs: list[Job]) -> None:
         if job.edit_take in takes:
             said = f'The edit_take of "{job.name}" is the take of "{takes[job.edit_take]}", {job.edit_take}.'
             raise UsageError(said, "Give one of them another path.")
+        for take in job.takes():
+            around = next((whole for whole in wholes if whole in take.parents), None)
+            if around is not None:
+                raise UsageError(f'"{job.name}" writes {take}, which is inside the take {around}.', "Give it a path beside that.")
         for output in (job.edit_take, job.save, job.render):
             if output is not None and written.setdefault(output, job.name) != job.name:
                 raise UsageError(f'"{written[output]}" and "{job.name}" both write {output}.', "Give one of them another path.")

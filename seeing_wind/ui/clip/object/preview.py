@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
+from ....engine.conventions import PANEL_INPUTS
 from ....engine.settings import BuildSettings, ObserveSettings, RecoverSettings, options_of, words_of
 from ...job import takes, worker
 from ...job.install.environment import engine_python
@@ -49,11 +50,11 @@ class SEEING_WIND_OT_preview(JobOperator, bpy.types.Operator):
         values = values_of(settings, ObserveSettings, BuildSettings, RecoverSettings)
         clip = clip_options(settings, values)
         takes.refuse_of_another(self.folder, clip[0])
-        marked = object_options(settings, values, self.folder / takes.INPUTS)
+        marked = object_options(settings, values, self.folder / PANEL_INPUTS)
         self.digest, self.foreseen = preview_digest(clip, marked), foreseen_digest(values, clip, marked)
         takes.bring_along(settings, self.folder)
         for each in marked[1]:
-            each.write(self.folder / takes.INPUTS / each.name)
+            each.write(self.folder / PANEL_INPUTS / each.name)
         words = [*words_of(_asked(clip, marked), *_solved(values)), *(word for view in clip[2] for word in ("--view", *view))]
         return worker.run(
             command(python, "observe", clip[0], *words, "--take", str(self.folder)), cwd=str(ROOT), env=environment()

@@ -9,9 +9,9 @@ from typing import Any
 import bpy
 import numpy as np
 
+from ....engine.conventions import EDIT
 from ....engine.settings import toml_text
 from ....engine.take import Take
-from ...job.takes import EDIT
 from ...scene_mesh import FIRM, pinned_vertices, solid_arrays
 from ...scene_units import metres_per_unit
 
