@@ -50,8 +50,12 @@ class Progress:
         """A `Progress` with the same safe points that reports nothing."""
         return _Quiet(self)
 
-    def warn(self, message: str) -> None:
-        """Tell the user something that does not stop the job."""
+    def noting(self, told: list[str]) -> Progress:
+        """A `Progress` for the same stage that also adds to `told` every warning that no verdict repeats."""
+        return _Noting(self, told)
+
+    def warn(self, message: str, judged: bool = False) -> None:
+        """Tell the user something that does not stop the job; `judged`: a verdict of the preview says the same."""
         self._emit({"type": "warning", "stage": self.stage, "message": message})
 
     def check(self) -> None:
@@ -72,11 +76,22 @@ class _Part(Progress):
     def update(self, fraction: float, message: str = "", **figures: float | str) -> None:
         self._whole.update(self._begin + fraction * (self._end - self._begin), message, **figures)
 
-    def warn(self, message: str) -> None:
-        self._whole.warn(message)
+    def warn(self, message: str, judged: bool = False) -> None:
+        self._whole.warn(message, judged)
 
     def check(self) -> None:
         self._whole.check()
+
+
+class _Noting(_Part):
+    def __init__(self, whole: Progress, told: list[str]) -> None:
+        super().__init__(whole, 0.0, 1.0)
+        self._told = told
+
+    def warn(self, message: str, judged: bool = False) -> None:
+        super().warn(message, judged)
+        if not judged:
+            self._told.append(message)
 
 
 class _Quiet(Progress):

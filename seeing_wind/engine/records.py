@@ -168,6 +168,8 @@ class Observation:
     """Doubts about the clip itself; None in takes from before these were kept."""
     recognised: Recognised | None = None
     """Points found again where tracks get lost; None where this is not needed."""
+    told: tuple[str, ...] = ()
+    """Warnings about the clip and what was given with it that neither a doubt nor a verdict repeats."""
 
     def __post_init__(self) -> None:
         if not isinstance(self.masks, Masks):

@@ -147,6 +147,21 @@ def test_a_material_that_was_not_told_is_said_in_the_result(engine, square: Path
     assert any("The material leaf is used instead" in note for note in result["notes"])
 
 
+def test_what_observe_has_told_is_in_the_notes_of_the_recovery_that_goes_on_from_it(engine, square: Path, tmp_path: Path) -> None:
+    start = np.array([[16.0, 14.0], [28.0, 14.0], [16.0, 26.0], [28.0, 26.0], [22.0, 20.0], [2.0, 2.0]])
+    np.savez(tmp_path / "points.npz", xy=start + np.arange(8)[:, None, None] * [0.0, 1.0], visible=np.ones((8, 6), bool))
+    words = [square, "--take", tmp_path / "t.take", "--box", 12, 10, 32, 30, "--distance", 2, "--tracks", tmp_path / "points.npz"]
+    told = "1 of 6 tracks do not start on the object in the first frame and are left out."
+    assert any(one.get("message") == told for one in engine("observe", *words, expect=0))
+    quick = ["--iterations", 1, "--representation", "point", "--report", "none"]
+    messages = engine("recover", *words, *quick, expect=0)
+    assert not any(one.get("message") == told for one in messages), "the clip is not observed again"
+    notes = messages[-1]["notes"]
+    (severe,) = [place for place, note in enumerate(notes) if note.startswith("Outline: ")]
+    (known,) = [place for place, note in enumerate(notes) if note.startswith("The force has a knot every")]
+    assert severe < known < notes.index(told) and notes.count(told) == 1
+
+
 def test_the_take_is_no_folder_of_the_clip_s_frames(engine, tmp_path: Path) -> None:
     for number in range(3):
         cv2.imwrite(str(tmp_path / f"{number}.png"), np.full((40, 40, 3), 90, np.uint8))

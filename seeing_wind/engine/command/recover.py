@@ -150,6 +150,7 @@ def _recover_into(
 
         building, asked = _timed(seconds, "material", lambda: ask_material(take, endpoint, observation, building, progress))
     body, upstream = _timed(seconds, "build", lambda: build_stage(take, observation, seen, building, progress))
+    severe, doubtful = doubt_remarks(observation, observing, 1 + len(arguments.view))
     targets = [track_targets(observation, body)]
     if arguments.view:
         body, targets, upstream = _with_views(take, arguments.view, observing, observation, body, targets, upstream, progress)
@@ -166,11 +167,11 @@ def _recover_into(
             take, body.particles, body.material, targets, observation.fps, upstream, settings, progress, loss
         )
         if fitted is None:
-            return diverged_result(recovery)
+            return diverged_result(dataclasses.replace(recovery, notes=worst_first([*severe, *asked, *recovery.notes, *doubtful])))
         field = fitted
         wind = wind_stage(take, body, body.particles, body.material, recovery, observation.fps, blown, settings, progress)
-    notes = [*asked, *wind.notes, *recovery.notes, *doubt_remarks(observation, observing, 1 + len(arguments.view))]
-    recovery = dataclasses.replace(recovery, notes=worst_first(notes))
+    notes = worst_first([*severe, *asked, *wind.notes, *recovery.notes, *doubtful])
+    recovery = dataclasses.replace(recovery, notes=notes)
 
     def draw(journal: Journal) -> dict[str, Any]:
         from ..look.report import write_report

@@ -118,7 +118,7 @@ def _tell_lost(seen: np.ndarray, progress: Progress) -> None:
         )
     if not seen.all():
         lost = np.flatnonzero(~seen)
-        progress.warn(f"The object is out of sight in {len(lost)} of {len(seen)} frames, first in {frame_named(lost[0])}.")
+        progress.warn(f"The object is out of sight in {len(lost)} of {len(seen)} frames, first in {frame_named(lost[0])}.", judged=True)
 
 
 def _centroid_alone(frames: Frames, masks: Masks, plate: Plate | None, progress: Progress) -> Tracks:
@@ -126,7 +126,8 @@ def _centroid_alone(frames: Frames, masks: Masks, plate: Plate | None, progress:
     place, visible, sigma = centroid_track(frames, masks, plate)
     progress.warn(
         "The object is too small or too plain, or its surface too fickle, for single points to be followed. Its silhouette's centroid is "
-        "followed instead, so its rotation stays unknown."
+        "followed instead, so its rotation stays unknown.",
+        judged=True,
     )
     return Tracks(place[:, None], visible[:, None], sigma[:, None], np.ones(1, bool))
 
@@ -140,7 +141,8 @@ def _with_centroid(frames: Frames, masks: Masks, plate: Plate | None, corners: T
     joins = visible & ~enough
     progress.warn(
         f"Too few points of the object are seen in {int((~enough).sum())} of {len(frames)} frames; "
-        "there the silhouette's centroid is followed."
+        "there the silhouette's centroid is followed.",
+        judged=True,
     )
     sigma = np.hypot(sigma, SILHOUETTE * np.sqrt(areas(masks).max()))
     return Tracks(

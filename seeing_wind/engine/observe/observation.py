@@ -52,8 +52,10 @@ def observe(
     Raises:
         ClipError, ObjectError, UsageError: see `read_clip`, `first_mask`, `find_camera`, `object_depth` and `read_tracks`.
     """
+    told = list[str]()
     with one_thread(), ThreadPoolExecutor(1) as beside:
-        return _observe(clip, settings, progress, journal, beside, watch, ready)
+        seen = _observe(clip, settings, progress.noting(told), journal, beside, watch, ready)
+    return replace(seen, told=tuple(dict.fromkeys(told)))
 
 
 def _observe(
@@ -120,7 +122,7 @@ def _seen(
         elif note:
             progress.warn(note)
     for one in doubts:
-        progress.warn(str(one))
+        progress.warn(str(one), judged=True)
     progress.update(0.95, "background")
     background = bare.result()
     progress.update(1.0, f"{len(tracks.on_centroid)} tracks")

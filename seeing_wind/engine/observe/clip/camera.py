@@ -76,7 +76,8 @@ def find_camera(
     if not given and depth is None:
         progress.warn(
             f"Nothing says how large the scene is, so the object is taken to be {in_units(DEFAULT_DISTANCE, 'm')} away: "
-            "forces scale with this distance. Give --distance or --pixels-per-metre for absolute values."
+            "forces scale with this distance. Give --distance or --pixels-per-metre for absolute values.",
+            judged=True,
         )
     return Camera(width, height, focal, focal, 0.5 * (width - 1), 0.5 * (height - 1), front_view(distance)), distance
 
@@ -227,5 +228,5 @@ def _distance_of_origin(camera: Camera, progress: Progress) -> float:
     depth = float(camera.project(np.zeros(3))[1])
     distance = depth if depth > 1e-3 else DEFAULT_DISTANCE
     taken = f"which is taken as {in_units(distance, 'm')}"
-    progress.warn(f"The camera is known but not the object's depth, {taken}. Give --depth or --distance.")
+    progress.warn(f"The camera is known but not the object's depth, {taken}. Give --depth or --distance.", judged=True)
     return distance

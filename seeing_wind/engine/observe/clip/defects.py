@@ -84,7 +84,7 @@ def warn_of_defects(frames: Frames, masks: Masks, progress: Progress) -> None:
     """
     rim = np.array([at_rim(mask) for mask in masks])
     if rim[0]:
-        progress.warn("The object reaches over the edge of the first frame: the part outside has no mass in the result.")
+        progress.warn("The object reaches over the edge of the first frame: the part outside has no mass in the result.", judged=True)
     elif rim.any():
         progress.warn(f"From {frame_named(int(np.flatnonzero(rim)[0]))} on the object is partly out of view, and fewer points are tracked.")
     blurred = _blurred_frames(frames, masks, progress)

@@ -36,6 +36,9 @@ OPEN = 0.5
 GROWS = 0.1
 """Relative change of the object's size in the frame from which it comes nearer or turns: a swing across the view has less."""
 
+SEVERE = 1.0
+"""Severity of a verdict from which on the result cannot be trusted."""
+
 LIVES, LEAST = 0.67, 8
 """Median fraction of the clip for which the points of frame 0 are followed, below which the outline may be wrong; and the least number of
 points for this. Observed: 0.84 and more on right outlines, 0.25 to 0.50 on ones that are mostly wrong, or wrong in some frames."""
@@ -50,7 +53,7 @@ class Verdict:
 
     item: str
     severity: float
-    """0 is good; from 1 on the result cannot be trusted."""
+    """0 is good; from `SEVERE` on the result cannot be trusted."""
     because: str
     do: str = ""
 
@@ -88,11 +91,16 @@ def judge(
     return sorted(found, key=lambda one: -one.severity)
 
 
-def doubt_remarks(seen: Observation, settings: ObserveSettings, views: int = 1) -> list[str]:
-    """The doubtful items of `seen` as sentences for a recovery's notes, the worst first."""
+def doubt_remarks(seen: Observation, settings: ObserveSettings, views: int = 1) -> tuple[list[str], list[str]]:
+    """The doubtful items of `seen` as sentences for a recovery's notes, the worst first, and after them what else was told of it.
+
+    Those from which on the result cannot be trusted come first, the others are apart.
+    """
     proposed = None if seen.pin.any() else propose_held(seen)
     found = [one for one in judge(seen, settings, proposed, views=views) if one.severity > 0.0]
-    return [f"{one.item.capitalize()}: {one.because} {one.do}".strip() for one in found]
+    said = [f"{one.item.capitalize()}: {one.because} {one.do}".strip() for one in found]
+    severe = sum(one.severity >= SEVERE for one in found)
+    return said[:severe], [*said[severe:], *seen.told]
 
 
 def _outline(seen: Observation, settings: ObserveSettings, proposed: np.ndarray | None) -> Verdict:

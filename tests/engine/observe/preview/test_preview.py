@@ -77,7 +77,7 @@ def test_a_box_of_which_little_moves(disc: Scene, disc_seen: Observation) -> Non
     found = verdict(disc_seen, "outline", tall)
     share = 100 * disc_seen.masks[0].sum() / ((tall.box[2] - tall.box[0]) * (tall.box[3] - tall.box[1]))
     assert found.severity > 0.5 and f"Only {share:.0f} % of the box" in found.because and "--mask" in found.do
-    assert any("taken for the background" in one for one in doubt_remarks(disc_seen, tall))
+    assert any("taken for the background" in one for one in sum(doubt_remarks(disc_seen, tall), []))
     loose = dataclasses.replace(GIVEN, box=(x0 - 6, y0 - 6, x1 + 6, y1 + 0.4 * (y1 - y0)))
     assert verdict(disc_seen, "outline", loose).severity == 0.0, "boxes are drawn loosely"
 
@@ -293,4 +293,7 @@ def test_doubts_of_the_clip_are_in_the_same_list_and_in_a_recovery_s_notes(disc_
     assert [(one.severity, one.because, one.do) for one in found] == [
         (1.5, "It is slow motion.", "Give --fps 240."), (0.3, "It is pale.", "Convert it.")
     ]  # fmt: skip
-    assert doubt_remarks(kept, GIVEN)[0] == "Clip: It is slow motion. Give --fps 240."
+    told = dataclasses.replace(kept, told=("Two of 8 tracks do not start on the object.",))
+    severe, others = doubt_remarks(from_arrays(Observation, to_arrays(told)), GIVEN)
+    assert severe == ["Clip: It is slow motion. Give --fps 240."]
+    assert others == ["Clip: It is pale. Convert it.", "Two of 8 tracks do not start on the object."]
