@@ -122,7 +122,7 @@ def test_of_many_files_the_first_are_named(mine, tmp_path: Path) -> None:
     for number in range(6):
         mine(f"plate{number}.png")
     words = ["recover", clip, "--take", clip.parent, "--box", 1, 1, 9, 9]
-    refused(clip, *words, says="holds plate0.png, plate1.png, plate2.png and 3 more files")
+    refused(clip, *words, says="holds plate0.png, plate1.png, plate2.png and 3 more\\.")
 
 
 def test_a_folder_of_what_the_job_reads_and_what_programs_leave_becomes_a_take(mine, windy: Path, tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ import re
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from ..conventions import EDIT, OF_SCENE, PANEL_INPUTS, counted, image_files, is_sequence
+from ..conventions import EDIT, OF_SCENE, PANEL_INPUTS, image_files, is_sequence
 from ..errors import UsageError
 from ..settings import BuildSettings, Edit, ObserveSettings, RecoverSettings, options_of
 from ..settings.tables import names_in
@@ -23,7 +23,7 @@ SIGNS = ("take.toml", LOCK, "field.safetensors")
 BESIDE = re.compile(rf"\..*|Thumbs\.db|desktop\.ini|{PANEL_INPUTS}|objects|objects(_recovered)?\.json")
 """Names of what may be in a folder that becomes a take: what systems put into any folder, the panel's inputs, and what `identify` found."""
 SHOWN = 3
-"""Number of files, at most, that a message names."""
+"""Number of files and folders, at most, that a message names."""
 TRUTH = ("trajectories", "truth")
 """Stage and key, in take.toml, under which a take keeps the file of trajectories that it was recovered from."""
 RECOVERED = ("observation.npz", "solve.npz", "field.safetensors")
@@ -120,7 +120,7 @@ def refuse_foreign(take: Take, inputs: Iterable[tuple[str, Path]], of_takes: boo
         if not BESIDE.fullmatch(path.name) and path not in own and not (of_takes and _is_take(path))
     )
     if foreign:
-        more = f" and {counted(len(foreign) - SHOWN, 'more file')}" if len(foreign) > SHOWN else ""
+        more = f" and {len(foreign) - SHOWN} more" if len(foreign) > SHOWN else ""
         named = ", ".join(foreign[:SHOWN]) + more
         raise UsageError(f"{take.path} is not a take and holds {named}.", "Choose a new or an empty folder with --take.")
 

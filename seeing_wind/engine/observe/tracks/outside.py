@@ -24,8 +24,8 @@ BLURRED, RIM = 3.0, 0.03
 """Distances by which the rim of a good outline may be off: in pixels, and in units of the root of the object's area; the larger counts."""
 
 LONG, SHARE = 5, 3
-"""A track is given up once it is outside for LONG frames in a row, of those that can be judged, or in a clip so short that these are more
-than one in SHARE of its frames, for one in SHARE."""
+"""A track is given up once it is outside for LONG frames in a row, of those that can be judged; in a short clip, for one in SHARE of its
+frames in a row."""
 
 RELIABLE = 0.5
 """Least fraction of corners, or else of tracks, within an outline that can be relied on."""
