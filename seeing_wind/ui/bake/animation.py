@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import bpy
@@ -12,8 +12,8 @@ PLACE = ("location", "rotation", "scale", "delta_")
 """Beginnings of the data paths that move an object."""
 BEZIER, AUTOMATIC = 2, {1, 4}
 """Blender's numbers for Bézier interpolation, and for handles that it places by itself."""
-PASSING = {"name", "active", "show_expanded"}
-"""Properties of a constraint that do not change what it does."""
+PASSING = {"name", "active", "show_expanded", "select", "frame_start_ui", "frame_end_ui", "frame_start_raw", "frame_end_raw"}
+"""Properties of a constraint or a strip that do not change what it does, or say the same as another."""
 
 
 def curves_of(datablock: bpy.types.ID) -> list[bpy.types.FCurve]:
@@ -60,12 +60,35 @@ def make_linear(datablock: bpy.types.ID, paths: Iterable[str]) -> None:
 
 def keyframes(datablock: bpy.types.ID) -> list[tuple[str, int, tuple]]:
     """All keyframes of a datablock as plain values for a digest: data path, array index, and frames and values in turn, followed by what
-    else shapes the curve if that is not Blender's default."""
-    found = []
-    for curve in curves_of(datablock):
-        places = _of_keys(curve, "co", "f", 2)
-        found.append((curve.data_path, curve.array_index, tuple(round(value, 5) for value in places) + _shape_of(curve)))
+    else shapes the curve if that is not Blender's default. Those in the NLA editor are followed by how their strip plays them."""
+    found = _keys_of(curves_of(datablock))
+    data = datablock.animation_data
+    for track in data.nla_tracks if data is not None and data.use_nla else ():
+        found += [(path, index, (*keys, *plays)) for strip in track.strips for path, index, keys, plays in _played(strip, track)]
     return found
+
+
+def _keys_of(curves: Iterable[bpy.types.FCurve]) -> list[tuple[str, int, tuple]]:
+    return [
+        (curve.data_path, curve.array_index, (*(round(value, 5) for value in _of_keys(curve, "co", "f", 2)), *_shape_of(curve)))
+        for curve in curves
+    ]  # fmt: skip
+
+
+def _played(strip: bpy.types.NlaStrip, owner: bpy.types.NlaTrack | bpy.types.NlaStrip) -> Iterator[tuple[str, int, tuple, tuple]]:
+    """The curves that a strip, or the strips in it, play: data path, array index, keyframes, and how they are played."""
+    inner = _keys_of(strip.fcurves)  # of the strip's own influence and time, which change them as the scene plays
+    changed = {path for path, _, _ in inner} | {"strip_time"}
+    settings = [
+        (prop.identifier, _plain(getattr(strip, prop.identifier))) for prop in strip.bl_rna.properties
+        if prop.type not in ("POINTER", "COLLECTION") and not prop.is_readonly and prop.identifier not in PASSING | changed
+    ]  # fmt: skip
+    plays = (getattr(owner, "is_solo", False), owner.mute, *settings, *inner)
+    if strip.action is not None:
+        curves = (curve for bag in _bags_in(strip.action, strip.action_slot) for curve in bag.fcurves)
+        yield from ((*keys, plays) for keys in _keys_of(curves))
+    for each in strip.strips:
+        yield from ((path, index, keys, (*within, *plays)) for path, index, keys, within in _played(each, strip))
 
 
 def _shape_of(curve: bpy.types.FCurve) -> tuple:
@@ -176,6 +199,8 @@ def values_over(scene: bpy.types.Scene, owner: bpy.types.bpy_struct, name: str, 
 
 def _bags(datablock: bpy.types.ID) -> list[bpy.types.ActionChannelbag]:
     data = datablock.animation_data
-    if data is None or data.action is None:
-        return []
-    return [bag for layer in data.action.layers for strip in layer.strips for bag in strip.channelbags if bag.slot == data.action_slot]
+    return [] if data is None or data.action is None else _bags_in(data.action, data.action_slot)
+
+
+def _bags_in(action: bpy.types.Action, slot: bpy.types.ActionSlot | None) -> list[bpy.types.ActionChannelbag]:
+    return [bag for layer in action.layers for strip in layer.strips for bag in strip.channelbags if bag.slot == slot]

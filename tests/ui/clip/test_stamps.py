@@ -29,6 +29,30 @@ def masked(settings) -> bpy.types.Mask:
     return mask
 
 
+def key_shape(mask: bpy.types.Mask, frame: int, shift: float) -> None:
+    """Move all points of a mask, and key its shape, as *Insert Shape Key* of the Image Editor does."""
+    bpy.context.scene.frame_set(frame)
+    points = mask.layers[0].splines[0].points
+    for point in points:
+        point.co.x += shift
+    window = bpy.context.window_manager.windows[0]
+    area = window.screen.areas[0]
+    area.type = "IMAGE_EDITOR"
+    space, region = area.spaces[0], next(each for each in area.regions if each.type == "WINDOW")
+    space.mode, space.mask = "MASK", mask
+    with bpy.context.temp_override(window=window, area=area, region=region, space_data=space, edit_mask=mask):
+        bpy.ops.mask.select_all(action="SELECT")
+        assert bpy.ops.mask.shape_key_insert() == {"FINISHED"}
+
+
+def mask_with_shapes(settings) -> bpy.types.Mask:
+    """A mask whose shape is keyed."""
+    mask = masked(settings)
+    key_shape(mask, 1, 0.0)
+    key_shape(mask, 11, 0.2)
+    return mask
+
+
 def tracked(settings) -> bpy.types.MovieClip:
     """A clip with a track of five markers that Recover is to use."""
     clip = bpy.context.scene.active_clip = loaded_clip(settings)
@@ -170,7 +194,21 @@ def moving_rig(settings) -> None:
     seen.data.keyframe_insert("lens", frame=11)
 
 
-@pytest.mark.parametrize("source", [masked, moving_rig, proxied])
+def camera_in_strips(settings) -> bpy.types.NlaTrack:
+    """A camera moved by a strip of the NLA editor, and so is the rig that it hangs from."""
+    seen = seen_by_a_camera(settings)
+    for obj in (seen, seen.parent):
+        for frame in (1, 11):
+            obj.location = (0.1 * frame, 0.0, 0.02 * frame)
+            obj.keyframe_insert("location", frame=frame)
+        data = obj.animation_data
+        data.nla_tracks.new().strips.new("Fly", 1, data.action)
+        data.action = None
+    bpy.context.view_layer.update()
+    return seen.animation_data.nla_tracks[0]
+
+
+@pytest.mark.parametrize("source", [masked, mask_with_shapes, moving_rig, proxied])
 def test_files_made_from_the_scene_leave_its_frame_as_it_was(settings, source, tmp_path) -> None:
     source(settings)
     scene = bpy.context.scene
@@ -180,7 +218,7 @@ def test_files_made_from_the_scene_leave_its_frame_as_it_was(settings, source, t
         assert scene.frame_current_final == -2.5, each.option
 
 
-@pytest.mark.parametrize("source", [masked, tracked, seen_by_a_camera, moving_rig, proxied])
+@pytest.mark.parametrize("source", [masked, mask_with_shapes, tracked, seen_by_a_camera, moving_rig, camera_in_strips, proxied])
 def test_neither_frames_nor_saving_nor_names_ask_for_another_recovery(settings, source, tmp_path) -> None:
     source(settings)
     scene = bpy.context.scene
@@ -216,6 +254,33 @@ def test_what_shapes_a_curve_between_its_keys_counts(settings, act) -> None:
     assert change(stamps(), acts[act])
     if act == "handle":
         assert change(stamps(), lambda: setattr(key, "handle_right", (4.0, 2.0)))
+
+
+def test_the_keyed_shape_of_the_first_frame_counts_whichever_frame_is_shown(settings) -> None:
+    mask = mask_with_shapes(settings)
+    before = stamps()
+    key_shape(mask, 15, 0.1)
+    assert stamps() == before, "a later key does not change the first frame's shape"
+    key_shape(mask, 1, 0.1)
+    bpy.context.scene.frame_set(11)
+    assert stamps() != before
+
+
+@pytest.mark.parametrize("act", ["key", "time", "speed", "mute", "off"])
+def test_what_a_strip_plays_counts(settings, act) -> None:
+    track = camera_in_strips(settings)
+    strip = track.strips[0]
+    key = curves_of_strip(strip)[0].keyframe_points[1]
+    acts = {
+        "key": lambda: setattr(key, "co", (11.0, 3.0)), "time": lambda: setattr(strip, "frame_start_ui", 3.0),
+        "speed": lambda: setattr(strip, "scale", 2.0), "mute": lambda: setattr(track, "mute", True),
+        "off": lambda: setattr(bpy.context.scene.camera.animation_data, "use_nla", False),
+    }  # fmt: skip
+    assert change(stamps(), acts[act])
+
+
+def curves_of_strip(strip: bpy.types.NlaStrip) -> list[bpy.types.FCurve]:
+    return list(strip.action.layers[0].strips[0].channelbag(strip.action_slot).fcurves)
 
 
 def test_an_unkeyed_turn_of_a_keyed_rig_counts(settings) -> None:

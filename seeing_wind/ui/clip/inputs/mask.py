@@ -13,7 +13,7 @@ import numpy as np
 from ....engine.errors import ObjectError
 from ....engine.take import Take
 from ...bake.animation import set_frame
-from .clips import first_clip_frame, loaded_clip, scene_frame
+from .clips import clip_of, first_clip_frame, loaded_clip, scene_frame
 from .tracks import plane_corners
 
 SEGMENT = 24
@@ -87,8 +87,38 @@ _BLEND = {
 }
 
 
-def mask_stamp(mask: bpy.types.Mask) -> tuple:
-    """Stamp of the layers' settings, control points and handles; feather does not count."""
+def mask_stamp(scene: bpy.types.Scene, mask: bpy.types.Mask, clip_frame: int) -> tuple:
+    """Stamp of a mask at a frame of the clip's file, whichever frame the scene is in: settings of the layers, control points and handles,
+    which may be keyed; feather does not count."""
+    clip = clip_of(scene.seeing_wind)
+    at = scene_frame(clip, clip_frame) if clip is not None else clip_frame + 1  # where Blender will show it
+    now = _stamp_now(mask)
+    if scene.frame_current_final == at:
+        return now
+    seen = (mask.session_uid, scene.session_uid, at, scene.frame_current_final, now)
+    if _kept.get(mask.session_uid, ())[:1] != (seen,):
+        _kept[mask.session_uid] = (seen, _stamp_at(mask, at, scene))
+    return _kept[mask.session_uid][1]
+
+
+_kept: dict[int, tuple] = {}
+"""Stamps of masks in another frame than the scene's, with what they were evaluated for: each evaluation is a change to Blender, after which
+the stamps are asked for again."""
+
+
+def _stamp_at(mask: bpy.types.Mask, frame: int, scene: bpy.types.Scene) -> tuple:
+    """Stamp of a mask at a scene frame. Its keyed shapes can be read only by evaluating it there, which a scene of its own does without
+    touching the user's."""
+    aside = bpy.data.scenes.new("Seeing Wind Mask")
+    try:
+        aside.render.frame_map_old, aside.render.frame_map_new = scene.render.frame_map_old, scene.render.frame_map_new
+        aside.frame_set(frame)
+        return _stamp_now(mask.evaluated_get(aside.view_layers[0].depsgraph))
+    finally:
+        bpy.data.scenes.remove(aside)
+
+
+def _stamp_now(mask: bpy.types.Mask) -> tuple:
     return tuple(
         (
             layer.name, layer.blend, layer.invert, layer.alpha, layer.hide_render, spline.use_cyclic, spline.use_fill,

@@ -13,7 +13,7 @@ from ....engine.errors import ObjectError, UsageError
 from ...bake.animation import lineage
 from ...edit.resimulate.geometry import geometry
 from .camera import camera_source, write_camera
-from .clips import clip_of
+from .clips import clip_of, first_clip_frame
 from .depth import write_depth
 from .held import write_held_box
 from .mask import mask_stamp, write_mask, write_plane_mask
@@ -46,7 +46,7 @@ def scene_inputs(scene: bpy.types.Scene) -> tuple[SceneInput, ...]:
         found += _object(scene)
     if settings.outline_data is not None:
         clip_frame = settings.outline_frame
-        stamp = (clip_frame, *mask_stamp(settings.outline_data))
+        stamp = (clip_frame, *mask_stamp(scene, settings.outline_data, clip_frame))
         found.append(SceneInput("outline", "outline.png", stamp, partial(write_mask, scene, settings.outline_data, clip_frame=clip_frame)))
     if settings.use_tracks:
         clip = clip_of(settings)
@@ -72,7 +72,7 @@ def _object(scene: bpy.types.Scene) -> list[SceneInput]:
     if settings.object_mode == "BLENDER_MASK":
         if settings.mask_data is None:
             raise ObjectError("No mask is chosen.", "Draw one in the Image or Movie Clip Editor (Mask mode) and choose it here.")
-        return [SceneInput("mask", "mask.png", mask_stamp(settings.mask_data), partial(write_mask, scene, settings.mask_data))]
+        return [SceneInput("mask", "mask.png", *_of_mask(scene, settings.mask_data))]
     if settings.object_mode == "PLANE":
         clip = clip_of(settings)
         if clip is None or not len(clip.tracking.plane_tracks):
@@ -81,6 +81,11 @@ def _object(scene: bpy.types.Scene) -> list[SceneInput]:
     if settings.scale_mode != "PROXY":
         raise ObjectError("The proxy mesh marks the object but does not give its depth.", "Choose Proxy Mesh for the scale too.")
     return []
+
+
+def _of_mask(scene: bpy.types.Scene, mask: bpy.types.Mask) -> tuple[tuple, Callable[[Path], object]]:
+    """Stamp and writer of a mask in the first frame used."""
+    return mask_stamp(scene, mask, first_clip_frame(scene.seeing_wind)), partial(write_mask, scene, mask)
 
 
 def _held(scene: bpy.types.Scene) -> list[SceneInput]:
@@ -94,5 +99,5 @@ def _held(scene: bpy.types.Scene) -> list[SceneInput]:
     if settings.held_mode == "BLENDER_MASK":
         if settings.held_mask is None:
             raise ObjectError("No mask of the held part is chosen.", "Draw one in the Image or Movie Clip Editor and choose it here.")
-        return [SceneInput("pin", "pin.png", mask_stamp(settings.held_mask), partial(write_mask, scene, settings.held_mask))]
+        return [SceneInput("pin", "pin.png", *_of_mask(scene, settings.held_mask))]
     return []
