@@ -73,12 +73,30 @@ def refuse_other_units(field: bpy.types.Object, scene: bpy.types.Scene) -> None:
         raise UsageError(*wrong)
 
 
+def may_convert(field: bpy.types.Object, scene: bpy.types.Scene) -> bool:
+    """Whether a field object was made for another scene unit and can be converted to this scene's: it is in no other scene and no library.
+
+    What Recover has made stands with its camera and object, so only loading all of it again converts it.
+    """
+    return not _is_result(field, scene) and _is_only_here(field, scene) and bool(_other_units(field, scene))
+
+
+def _is_result(field: bpy.types.Object, scene: bpy.types.Scene) -> bool:
+    settings = scene.seeing_wind
+    return field == settings.field_object and settings.recovered_digest != ""
+
+
+def _is_only_here(field: bpy.types.Object, scene: bpy.types.Scene) -> bool:
+    return field.users_scene == (scene,) and field.library is None and field.override_library is None
+
+
 def _other_units(field: bpy.types.Object, scene: bpy.types.Scene) -> tuple[str, ...]:
     """Message and hint; empty if the unit is the same, or the former one is not known."""
     now, then = metres_per_unit(scene), unit_of(field)
     if not then or abs(now / then - 1.0) < SAME:
         return ()
     wrong = f"{field.name} was made for a unit scale of {then:g}, and the scene's is {now:g}: place, size and strength are wrong."
-    back, settings = f"et Unit Scale to {then:g} (Properties > Scene > Units).", scene.seeing_wind
-    results = field == settings.field_object and settings.recovered_digest != ""  # from a take, which can be loaded again
-    return wrong, f"Press Reload in the Recover panel, or s{back}" if results else f"S{back}"
+    back = f"et Unit Scale to {then:g} (Properties > Scene > Units)."
+    if _is_result(field, scene):
+        return wrong, f"Press Reload in the Recover panel, or s{back}"
+    return wrong, f"Press Apply to Field in the Field panel to convert it, or s{back}" if _is_only_here(field, scene) else f"S{back}"

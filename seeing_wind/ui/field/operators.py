@@ -75,6 +75,7 @@ class SEEING_WIND_OT_apply_to_field(DirectOperator, bpy.types.Operator):
         from .solvers.apart import keep_apart
 
         field, settings = chosen_field(context, self.field), context.scene.seeing_wind
+        mend(context.scene)
         make_again(field, settings.field_reach, settings.field_kind)
         keep_apart(context.scene)
         return f"{field.name}: {said_of_fit(field)}"
@@ -245,6 +246,7 @@ class SEEING_WIND_OT_export_field(DirectOperator, bpy.types.Operator):
         from .vdb import faded, frames_of, name_beside, said_of_clip_frames, said_of_frames, write_vdb  # need NumPy
 
         scene, field = context.scene, chosen_field(context, self.field)
+        mend(scene)
         refuse_other_units(field, scene)
         frames = frames_of(scene, field, loops=self.format == "VDB")
         if self.format != "VDB" and field == scene.seeing_wind.field_object and takes.shows_lone(scene.seeing_wind):

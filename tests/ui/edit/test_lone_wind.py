@@ -255,14 +255,18 @@ def test_the_take_of_a_lone_wind_is_made_again(field):
     assert bpy.ops.seeing_wind.resimulate() == {"FINISHED"}
 
 
-def test_a_wind_of_a_file_with_another_unit_is_told(field):
-    """It has no results to load again."""
-    scene = bpy.context.scene
-    scene.unit_settings.system, scene.unit_settings.scale_length = "METRIC", 0.01
+def test_a_wind_of_a_file_with_another_unit_is_converted(field):
+    """The engine is given the same field in metres."""
+    scene, given = bpy.context.scene, []
     cube("Box")
     bpy.ops.seeing_wind.insert_mesh(object="Box")
-    with pytest.raises(RuntimeError, match=r"Wind was made for a unit scale of 1, .* is 0.01: .* wrong. Set Unit Scale to 1 \(Properties"):
-        bpy.ops.seeing_wind.resimulate()
+    for unit in (1.0, 0.01):
+        scene.unit_settings.scale_length = unit
+        assert bpy.ops.seeing_wind.resimulate() == {"FINISHED"}
+        metadata, arrays = opened(Path(scene.seeing_wind.recovered_take) / "field.safetensors")
+        given.append((json.loads(metadata["box"]), arrays["force"]))
+    np.testing.assert_allclose(given[1][0], given[0][0], rtol=1e-5)
+    np.testing.assert_allclose(given[1][1], given[0][1], rtol=1e-5)
 
 
 @pytest.mark.parametrize("redone", [True, False])

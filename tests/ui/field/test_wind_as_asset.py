@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from seeing_wind.ui.field.display import field_at_hand, out_of_time, said_of_wind
-from seeing_wind.ui.field.samples import samples_of
+from seeing_wind.ui.field.samples import read_samples, samples_of
+from seeing_wind.ui.scene_units import said_of_units, unit_of
 from tests.ui.jobs import now, recover
 
 pytestmark = pytest.mark.usefixtures("stand_in")
@@ -62,6 +63,43 @@ def test_an_appended_or_linked_field_is_calibrated_and_carries_its_values(librar
     else:
         bpy.context.scene.seeing_wind.field_reach = "HOLD"
         assert bpy.ops.seeing_wind.apply_to_field() == {"FINISHED"} and field["seeing_wind_reach"] == "HOLD"
+
+
+@pytest.mark.parametrize("how", ["shown", "played", "calibrate", "apply_to_field", "export_field"])
+def test_an_appended_field_is_converted_to_the_scenes_unit(library, monkeypatch, tmp_path, how: str) -> None:
+    """As a wind of the library is; nothing but its place in the scene stays."""
+    timers: list = []
+    monkeypatch.setattr(bpy.app.timers, "register", lambda function, **_: timers.append(function))
+    scene = bpy.context.scene
+    scene.unit_settings.scale_length = 0.01
+    field = brought(library, False)
+    field["seeing_wind_take"] = "of.take"  # a force of one's own, not a wind of the library
+    before, place = read_samples(samples_of(field)), tuple(field.location)
+    assert unit_of(field) == 1.0
+    if how == "shown":
+        bpy.context.view_layer.update()
+        timers[-1]()
+    elif how == "played":
+        scene.frame_set(2)
+    else:
+        sheet()
+        given = {"filepath": str(tmp_path / "vdb"), "format": "VDB"} if how == "export_field" else {}
+        monkeypatch.setattr("seeing_wind.ui.field.vdb.write_vdb", lambda scene, field, folder: [])
+        assert getattr(bpy.ops.seeing_wind, how)(field="Wind", **given) == {"FINISHED"}
+    after = read_samples(samples_of(field))
+    for name in ("points", "force"):
+        np.testing.assert_allclose(getattr(after, name), 100.0 * getattr(before, name), rtol=1e-5)
+    assert said_of_units(field, scene) == "" and tuple(field.location) == place
+
+
+def test_a_field_in_two_scenes_of_different_units_is_left_as_it_is(library) -> None:
+    scene, other = bpy.context.scene, bpy.data.scenes.new("Other")
+    other.unit_settings.scale_length = 0.01
+    field = brought(library, False)
+    other.collection.objects.link(field)
+    other.frame_set(2)
+    assert unit_of(field) == 1.0 and said_of_units(field, scene) == ""
+    assert "place, size and strength are wrong. Set Unit Scale to 1" in said_of_units(field, other)
 
 
 def test_the_selected_field_is_exported_whose_ever_it_is(library, workplace, tmp_path, monkeypatch) -> None:

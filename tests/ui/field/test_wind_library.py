@@ -248,6 +248,19 @@ def test_a_wind_is_the_same_in_a_scene_of_another_unit(library, monkeypatch, how
     assert found[0]["felt"] == pytest.approx(SPEEDS[1]) and found[0]["pushed"] > 0.01
 
 
+def test_a_wind_follows_a_later_change_of_the_unit_when_it_is_applied(library) -> None:
+    scene = bpy.context.scene
+    bpy.ops.seeing_wind.add_wind(wind="Light Breeze", calibrate=False)
+    field = bpy.context.active_object
+    shown, said = arrows_seen(field, 4), "Press Apply to Field in the Field panel to convert it, or set Unit Scale to 1"
+    scene.unit_settings.scale_length = 0.01
+    assert said in said_of_units(field, scene)
+    assert bpy.ops.seeing_wind.apply_to_field() == {"FINISHED"} and said_of_units(field, scene) == ""
+    assert felt(field, 3) == pytest.approx(100.0 * SPEEDS[1], rel=1e-3)
+    np.testing.assert_allclose(arrows_seen(field, 4), 100.0 * shown, rtol=1e-3, atol=1e-3)
+    assert sum(obj.name.startswith("Light Breeze Arrows") for obj in scene.objects) == 1
+
+
 def pushed(scene: bpy.types.Scene, field: bpy.types.Object, unit: float) -> float:
     """Speed along X [scene units/s] of a calibrated particle that was let go in the middle of a wind, after two frames."""
     mesh = bpy.data.meshes.new("Dust")

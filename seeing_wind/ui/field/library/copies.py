@@ -1,8 +1,9 @@
 """Duplicated field objects: Blender's copy reads the texture of its original and turns with that, so it is given a texture of its own.
 
-A wind that was dragged or appended from the library without one of this extension's operators gets its arrows in the same way. When a copy
-or such a wind is deleted, what belonged to it is removed. With a window, all this happens shortly after the change; under `blender -b`, at
-the next frame; and in both cases when a file is opened or an operator needs it.
+A wind that was dragged or appended from the library without one of this extension's operators gets its arrows in the same way. Every field
+that was appended from a scene of another unit is converted. When a copy or such a wind is deleted, what belonged to it is removed. With a
+window, all this happens shortly after the change; under `blender -b`, at the next frame; and in both cases when a file is opened or an
+operator needs it.
 """
 
 from __future__ import annotations
@@ -12,7 +13,8 @@ import contextlib
 import bpy
 from bpy.app.handlers import persistent
 
-from ..display import CARRIED, KIND, SLOWS, WITH_FIELD, has_lost_field, is_field, lacks_arrows, stride_of
+from ...scene_units import may_convert
+from ..display import ARROWS, CARRIED, KIND, SLOWS, WITH_FIELD, has_lost_field, is_field, lacks_arrows, stride_of
 
 
 def copies_in(scene: bpy.types.Scene) -> list[bpy.types.Object]:
@@ -42,9 +44,11 @@ def make_independent(field: bpy.types.Object) -> None:
 
 
 def mend(scene: bpy.types.Scene) -> None:
-    """Make every copied field independent, and remove what deleted fields have left: the still air of a wind would slow whatever moves."""
+    """Make every copied field independent, convert those of another unit, and remove what deleted fields have left: the still air of a wind
+    would slow whatever moves."""
     copied, left = copies_in(scene), [obj for obj in scene.objects if has_lost_field(obj, scene)]
-    if scene.library is not None or not (copied or left):
+    foreign = [obj for obj in scene.objects if is_field(obj) and may_convert(obj, scene)]
+    if scene.library is not None or not (copied or left or foreign):
         return
     from ...recover.renew_in_place import discard
     from ..solvers.apart import keep_apart
@@ -52,16 +56,30 @@ def mend(scene: bpy.types.Scene) -> None:
     for field in copied:
         with contextlib.suppress(ReferenceError):
             make_independent(field)
+    for field in foreign:
+        _convert(field, scene)
     for obj in left:
         if SLOWS not in obj:
             discard(obj)
     keep_apart(scene)
 
 
-def _mend_all() -> float | None:
-    """Timer: mend every scene once the operator that made the copies has ended. Returns seconds to wait while a transform still runs."""
+def _convert(field: bpy.types.Object, scene: bpy.types.Scene) -> None:
+    """Convert a field to the scene's unit, with the arrows that it has."""
+    from ...recover.renew_in_place import discard
     from ..field_object import convert_unit  # need NumPy
     from .arrows import show_arrows
+
+    convert_unit(field, scene)
+    arrows = field.get(ARROWS)
+    if arrows is not None and arrows.parent == field:
+        discard(arrows)
+        show_arrows(scene, field)
+
+
+def _mend_all() -> float | None:
+    """Timer: mend every scene once the operator that made the copies has ended. Returns seconds to wait while a transform still runs."""
+    from .arrows import show_arrows  # needs NumPy
 
     windows = bpy.context.window_manager.windows
     if any(operator.bl_idname.startswith("TRANSFORM_") for window in windows for operator in window.modal_operators):
@@ -69,7 +87,6 @@ def _mend_all() -> float | None:
     for scene in bpy.data.scenes:
         mend(scene)
         for field in [obj for obj in scene.objects if lacks_arrows(obj)] if scene.library is None else ():
-            convert_unit(field, scene)
             show_arrows(scene, field)
     return None
 
@@ -94,7 +111,7 @@ def _after_load(*_: object) -> None:
 def _after_change(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None = None, *_: object) -> None:
     updates = depsgraph.updates if depsgraph is not None else ()
     changed = (update.id.original for update in updates if isinstance(update.id, bpy.types.Object))
-    due = any(_is_copy(obj) or lacks_arrows(obj) for obj in changed)
+    due = any(_is_copy(obj) or lacks_arrows(obj) or (is_field(obj) and may_convert(obj, scene)) for obj in changed)
     if any(isinstance(update.id, (bpy.types.Scene, bpy.types.Collection)) for update in updates):  # something may have been deleted
         due = due or any(has_lost_field(obj, scene) for obj in scene.objects)
     if due and not bpy.app.timers.is_registered(_mend_all):
