@@ -89,6 +89,15 @@ def has_inside(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> bool:
         evaluated.to_mesh_clear()
 
 
+def joined_edges(vertices: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """For each vertex (V,) its number after coincident ones are joined, and of how many triangles each edge (E,) is part."""
+    grid = JOINED * float(np.ptp(vertices, axis=0).max())
+    joined = np.unique(np.round(vertices / grid), axis=0, return_inverse=True)[1].ravel()
+    faces = joined[triangles]
+    edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+    return joined, np.unique(edges[edges[:, 0] != edges[:, 1]], axis=0, return_counts=True)[1]
+
+
 def refuse_no_sheet(obj: bpy.types.Object, vertices: np.ndarray, triangles: np.ndarray) -> None:
     """Refuse an open mesh that cannot be simulated as a sheet. A mesh without a border is simulated as a solid and not checked here.
 
@@ -98,14 +107,10 @@ def refuse_no_sheet(obj: bpy.types.Object, vertices: np.ndarray, triangles: np.n
     Raises:
         UsageError: when a vertex belongs to no face, or an edge to more than two.
     """
-    grid = JOINED * float(np.ptp(vertices, axis=0).max())
-    joined = np.unique(np.round(vertices / grid), axis=0, return_inverse=True)[1].ravel()
-    faces = joined[triangles]
-    edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
-    count = np.unique(edges[edges[:, 0] != edges[:, 1]], axis=0, return_counts=True)[1]
+    joined, count = joined_edges(vertices, triangles)
     if not (count == 1).any():
         return
-    loose, branching = int(joined.max()) + 1 - len(np.unique(faces)), int((count > 2).sum())
+    loose, branching = int(joined.max()) + 1 - len(np.unique(joined[triangles])), int((count > 2).sum())
     if loose:
         raise UsageError(
             f"{name_of(obj)} has {loose} loose {'vertex' if loose == 1 else 'vertices'}, of no face, and cannot be a sheet.",

@@ -9,7 +9,7 @@ from ..clip.object.material_menu import draw_material
 from ..field.display import has_wind
 from ..job.panel_pieces import Tab, columns, draw_list, draw_override, draw_text, fold, panels
 from ..option_properties import panel_options
-from .sheet_label import is_shell, shell_words
+from .sheet_label import is_shell, sheet_words
 
 SHORT = {"areal_density": "Weight", "tensile_stiffness": "Stretching", "bending_stiffness": "Bending"}
 """Short labels for numbers whose full names do not fit into a sidebar. The unit is appended, unless it is shown with the number."""
@@ -65,9 +65,9 @@ def _draw_body(column, body, settings) -> None:
     if not body.is_recovered:
         column.prop(body, "object")
         draw_material(column, body)
-        words = body.no_sheet or shell_words(body)
+        words = body.no_sheet or sheet_words(body)
         if words:
-            draw_text(column, bpy.context, words, "ERROR" if body.no_sheet else "MOD_CLOTH")
+            draw_text(column, bpy.context, words, "ERROR" if body.no_sheet else "MOD_CLOTH" if is_shell(body) else "INFO")
     obj = settings.recovered_object if body.is_recovered else body.object
     column.prop(body, "mass_scale")
     column.prop(body, "stiffness_scale")

@@ -10,11 +10,13 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.materials import SHEETS
-from seeing_wind.ui.edit.sheet_label import shell_words
+from seeing_wind.ui.edit.sheet_label import sheet_words
 from tests.ui.jobs import recover
 from tests.ui.meshes import cube
 
 pytestmark = pytest.mark.usefixtures("stand_in")
+
+SOLID = "A solid: its mesh is closed. Only an open mesh becomes cloth"
 
 
 def test_a_grid_of_cotton_weighs_what_cotton_weighs(scene) -> None:
@@ -23,13 +25,13 @@ def test_a_grid_of_cotton_weighs_what_cotton_weighs(scene) -> None:
     bpy.ops.seeing_wind.insert_mesh(object="Curtain", material="cotton")
     body = scene.seeing_wind.bodies[0]
     assert body.open_area == pytest.approx(0.64)
-    assert shell_words(body) == "Shell, 120 g/m², 76.8 g, 0.35 mm thick"
+    assert sheet_words(body) == "Shell, 120 g/m², 76.8 g, 0.35 mm thick"
     body.mass_scale = 2.0
-    assert shell_words(body) == "Shell, 240 g/m², 154 g, 0.35 mm thick"
+    assert sheet_words(body) == "Shell, 240 g/m², 154 g, 0.35 mm thick"
     body.use_mass, body.mass = True, 0.32
-    assert shell_words(body) == "Shell, 1 kg/m², 640 g, 0.35 mm thick"
+    assert sheet_words(body) == "Shell, 1 kg/m², 640 g, 0.35 mm thick"
     body.use_mass, body.mass_scale, body.material = False, 1.0, "rubber"
-    assert shell_words(body) == ""
+    assert sheet_words(body) == ""
 
 
 def test_scale_and_the_scenes_unit_count(scene) -> None:
@@ -40,13 +42,53 @@ def test_scale_and_the_scenes_unit_count(scene) -> None:
     bpy.context.view_layer.update()
     bpy.ops.seeing_wind.insert_mesh(object=obj.name, material="silk")
     assert scene.seeing_wind.bodies[0].open_area == pytest.approx(0.5)
-    assert shell_words(scene.seeing_wind.bodies[0]) == f"Shell, 60 g/m², 30 g, {1e3 * SHEETS['silk'].thickness:.2g} mm thick"
+    assert sheet_words(scene.seeing_wind.bodies[0]) == f"Shell, 60 g/m², 30 g, {1e3 * SHEETS['silk'].thickness:.2g} mm thick"
 
 
 def test_a_closed_mesh_is_no_shell(scene) -> None:
     cube("Box")
     bpy.ops.seeing_wind.insert_mesh(object="Box", material="cotton")
-    assert shell_words(scene.seeing_wind.bodies[0]) == ""
+    body = scene.seeing_wind.bodies[0]
+    assert sheet_words(body) == SOLID
+    body.material = "rubber"
+    assert sheet_words(body) == "", "that is plain"
+
+
+def test_a_mesh_that_is_closed_but_for_repeated_vertices_is_no_shell(scene) -> None:
+    """As many files have it; the engine joins them, too."""
+    box = cube("Box")
+    bpy.ops.object.mode_set(mode="EDIT")
+    bpy.ops.mesh.select_all(action="SELECT")
+    bpy.ops.mesh.edge_split()
+    bpy.ops.object.mode_set(mode="OBJECT")
+    assert len(box.data.vertices) == 24
+    bpy.ops.seeing_wind.insert_mesh(object="Box", material="cotton")
+    assert sheet_words(scene.seeing_wind.bodies[0]) == SOLID
+
+
+def test_what_is_mended_in_edit_mode_is_seen_there(scene) -> None:
+    import bmesh  # comes with bpy, and only after it
+
+    box = cube("Sail")
+    bpy.ops.seeing_wind.insert_mesh(object="Sail", material="cotton")
+    body = scene.seeing_wind.bodies[0]
+    bpy.ops.object.mode_set(mode="EDIT")
+    edited = bmesh.from_edit_mesh(box.data)
+    edited.faces.ensure_lookup_table()
+    edited.faces.remove(edited.faces[0])
+    loose = edited.verts.new((0.0, 0.0, 1.0))
+    bmesh.update_edit_mesh(box.data)
+    bpy.context.view_layer.update()
+    assert body.no_sheet.startswith("Sail has 1 loose vertex") and body.open_area == pytest.approx(0.2)
+    box.name = "Jib"
+    bpy.context.view_layer.update()
+    assert body.no_sheet.startswith("Jib has 1 loose vertex"), "the name is the present one"
+    edited.verts.remove(loose)
+    bmesh.update_edit_mesh(box.data)
+    bpy.context.view_layer.update()
+    assert body.no_sheet == "" and sheet_words(body).startswith("Shell, 120 g/m²")
+    bpy.ops.object.mode_set(mode="OBJECT")
+    assert body.no_sheet == "" and sheet_words(body).startswith("Shell, 120 g/m²")
 
 
 def test_a_sheets_own_numbers_reach_the_edit_and_a_solid_has_none(scene, workplace) -> None:
@@ -57,7 +99,7 @@ def test_a_sheets_own_numbers_reach_the_edit_and_a_solid_has_none(scene, workpla
     body = scene.seeing_wind.bodies[0]
     body.use_areal_density, body.areal_density, body.use_thickness, body.thickness = True, 0.4, True, 5e-4
     body.use_bending_stiffness, body.bending_stiffness = True, 2e-5
-    assert shell_words(body) == "Shell, 400 g/m², 100 g, 0.5 mm thick"
+    assert sheet_words(body) == "Shell, 400 g/m², 100 g, 0.5 mm thick"
     entries = []
     for material in ("cotton", "rubber"):
         body.material = material
@@ -74,7 +116,7 @@ def test_the_weight_follows_the_object_as_it_is(scene) -> None:
     body = scene.seeing_wind.bodies[0]
     curtain.scale = (2.0, 1.0, 1.0)
     bpy.context.view_layer.update()
-    assert shell_words(body) == "Shell, 120 g/m², 154 g, 0.35 mm thick"
+    assert sheet_words(body) == "Shell, 120 g/m², 154 g, 0.35 mm thick"
     rig = bpy.data.objects.new("Rig", None)
     scene.collection.objects.link(rig)
     curtain.parent, rig.scale = rig, (0.5, 0.5, 0.5)
@@ -87,7 +129,7 @@ def test_the_weight_follows_the_object_as_it_is(scene) -> None:
     assert body.open_area == pytest.approx(0.96)
     bpy.ops.mesh.primitive_cube_add()
     body.object = bpy.context.object
-    assert shell_words(body) == "", "another mesh, which is closed"
+    assert sheet_words(body) == SOLID, "another mesh, which is closed"
 
 
 def insert_grid(name: str, preset: str) -> bpy.types.Object:

@@ -14,6 +14,7 @@ from seeing_wind.engine.recovery import journal as journals
 from seeing_wind.engine.recovery.journal import TakeJournal
 from seeing_wind.engine.recovery.resimulate import simulate_bodies
 from seeing_wind.engine.recovery.resimulate.in_field import extrapolate
+from seeing_wind.engine.recovery.resimulate.mesh import load_mesh
 from seeing_wind.engine.settings import BodyEdit, ColliderEdit, Edit
 from seeing_wind.engine.take import Take
 from tests.engine.fields import UniformField
@@ -39,6 +40,17 @@ def test_a_free_body_accelerates_by_force_over_density(folder):
 def test_frame_zero_is_the_mesh_itself(folder):
     body = run(folder, BodyEdit("flag", "flag.npz", **SOFT))["flag"]
     np.testing.assert_allclose(body.vertices[0], np.load(folder / "flag.npz")["vertices"], atol=1e-12)
+
+
+def test_a_vertex_of_no_face_is_carried_along_by_a_closed_mesh(folder):
+    """Also by one of cotton, which is a solid all the same."""
+    vertices, triangles = load_mesh(folder / "box.obj")
+    np.savez(folder / "loose.npz", vertices=np.concatenate([vertices, [[0.05, 0.0, 0.0]]]), triangles=triangles)
+    for material in ("rubber", "cotton"):
+        body = run(folder, BodyEdit("box", "loose.npz", material=material))["box"]
+        assert not body.shell
+        moved = body.vertices[-1] - body.vertices[0]
+        np.testing.assert_allclose(moved[-1], moved[:-1].mean(axis=0), atol=1e-4)
 
 
 @pytest.mark.parametrize("field", [uniform(), waves()])
