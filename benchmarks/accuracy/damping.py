@@ -15,12 +15,13 @@ from dataclasses import replace
 import numpy as np
 from scipy.optimize import least_squares
 
+from seeing_wind.engine.materials import Material
 from seeing_wind.engine.mpm.damping import substeps_for, with_retardation
 from seeing_wind.engine.mpm.model import Model
 from seeing_wind.engine.mpm.model_for import model_for
 from seeing_wind.engine.mpm.rollout import rollout
 from seeing_wind.engine.mpm.state import State
-from seeing_wind.engine.records import Material, Particles
+from seeing_wind.engine.records import Particles
 
 THICK, SLENDER, MODULUS, DENSITY = 0.06, 6, 1e5, 500.0
 PINNED_ROWS, PERIODS, PER_PERIOD = 2, 2, 16

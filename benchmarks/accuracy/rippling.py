@@ -19,12 +19,13 @@ sys.path[:0] = [str(Path(__file__).resolve().parents[2])]  # a script of the sou
 
 from seeing_wind.engine.conventions import front_view  # noqa: E402
 from seeing_wind.engine.look.report.accuracy import field_errors, uniform_errors  # noqa: E402
+from seeing_wind.engine.materials import Material  # noqa: E402
 from seeing_wind.engine.mpm.model_for import model_for  # noqa: E402
 from seeing_wind.engine.mpm.rollout import advance  # noqa: E402
 from seeing_wind.engine.mpm.state import State  # noqa: E402
 from seeing_wind.engine.observe.object.motion.control import attach  # noqa: E402
 from seeing_wind.engine.progress import NoProgress  # noqa: E402
-from seeing_wind.engine.records import Camera, Material, Particles, TrackTargets  # noqa: E402
+from seeing_wind.engine.records import Camera, Particles, TrackTargets  # noqa: E402
 from seeing_wind.engine.recovery.recover import recover  # noqa: E402
 from seeing_wind.engine.settings import RecoverSettings  # noqa: E402
 

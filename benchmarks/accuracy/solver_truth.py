@@ -15,11 +15,12 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import cKDTree
 
+from seeing_wind.engine.materials import Material
 from seeing_wind.engine.mpm.model import Model
 from seeing_wind.engine.mpm.model_for import model_for
 from seeing_wind.engine.mpm.rollout import rollout
 from seeing_wind.engine.mpm.state import State, Trajectory
-from seeing_wind.engine.records import Material, Particles
+from seeing_wind.engine.records import Particles
 
 NAMES = ("sheet", "banner", "pole", "clay")
 SPACING = 0.04 / 3

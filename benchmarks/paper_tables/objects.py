@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from seeing_wind.engine.records import Material
+from seeing_wind.engine.materials import Material
 
 from .shapes import Part, Solid, box, capsule, cylinder, ellipsoid
 

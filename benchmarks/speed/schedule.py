@@ -31,11 +31,12 @@ sys.path[:0] = [str(ROOT)]  # a script of the source tree: it runs with the pack
 from benchmarks.scenes.gusts import GustField  # noqa: E402
 from seeing_wind.engine.command.trajectories.bodies import read_trajectories  # noqa: E402
 from seeing_wind.engine.look.report.accuracy import field_errors, uniform_errors  # noqa: E402
+from seeing_wind.engine.materials import Material  # noqa: E402
 from seeing_wind.engine.mpm.model_for import model_for  # noqa: E402
 from seeing_wind.engine.mpm.rollout import advance  # noqa: E402
 from seeing_wind.engine.mpm.state import State  # noqa: E402
 from seeing_wind.engine.progress import NoProgress  # noqa: E402
-from seeing_wind.engine.records import Attachment, Material, Particles, PointTargets, Recovery  # noqa: E402
+from seeing_wind.engine.records import Attachment, Particles, PointTargets, Recovery  # noqa: E402
 from seeing_wind.engine.recovery.paper.schedule import recover_by_descent  # noqa: E402
 from seeing_wind.engine.recovery.recover import recover  # noqa: E402
 from seeing_wind.engine.settings import RecoverSettings  # noqa: E402

@@ -17,12 +17,12 @@ from outlines import flat_mesh, inside_any
 from seeing_wind.engine.conventions import GRAVITY, NO_GRAVITY
 from seeing_wind.engine.field.analytic import ForceFieldAnalytic
 from seeing_wind.engine.look.report.accuracy import uniform_errors
-from seeing_wind.engine.materials import adjust, find
+from seeing_wind.engine.materials import Material, adjust, find
 from seeing_wind.engine.mpm.model_for import model_for
 from seeing_wind.engine.mpm.rollout import advance
 from seeing_wind.engine.mpm.state import State
 from seeing_wind.engine.observe.object.motion.control import attach
-from seeing_wind.engine.records import Material, Particles
+from seeing_wind.engine.records import Particles
 
 SPACING = 0.012
 """Of the particles [m], unless told otherwise."""

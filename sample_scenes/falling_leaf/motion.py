@@ -11,12 +11,12 @@ from wind import Wind
 
 from seeing_wind.engine.conventions import GRAVITY
 from seeing_wind.engine.field.analytic import ForceFieldAnalytic
-from seeing_wind.engine.materials import adjust, find
+from seeing_wind.engine.materials import Material, adjust, find
 from seeing_wind.engine.mpm.model_for import model_for
 from seeing_wind.engine.mpm.rollout import advance
 from seeing_wind.engine.mpm.state import State
 from seeing_wind.engine.observe.object.motion.control import attach
-from seeing_wind.engine.records import Material, Particles
+from seeing_wind.engine.records import Particles
 
 MATERIAL = "leaf"
 DENSITY = 400.0

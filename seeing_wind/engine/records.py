@@ -13,8 +13,7 @@ import numpy as np
 
 from .conventions import in_units
 from .masks import Masks
-from .materials import Material as Material
-from .materials import Sheet
+from .materials import Material, Sheet
 
 
 class Outcome(StrEnum):

@@ -14,10 +14,10 @@ import pytest
 
 from seeing_wind.engine.errors import TakeError
 from seeing_wind.engine.field import distillation
-from seeing_wind.engine.materials import Sheet
+from seeing_wind.engine.materials import Material, Sheet
 from seeing_wind.engine.progress import Cancelled, Journal, NoProgress, Progress
 from seeing_wind.engine.record_arrays import read_recovery, to_arrays
-from seeing_wind.engine.records import Material, Measured, Observation, Recovery
+from seeing_wind.engine.records import Measured, Observation, Recovery
 from seeing_wind.engine.recovery.stage import FITTED, SOLVED, recover_stage
 from seeing_wind.engine.settings import BuildSettings, ObserveSettings
 from seeing_wind.engine.stages import build_body, build_stage, lift_stage, observation_stamp, observe_stage, track_targets

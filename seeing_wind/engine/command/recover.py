@@ -215,7 +215,7 @@ def _with_views(
         targets.append(view_targets(body, sights[-1]))
     stamp = stamp_of(built, *(Path(name) for view in views for name in view))
     body = lift_stage(take, observation, body, targets, stamp, progress)
-    body, _ = with_views(body, observation, sights, progress)
+    body = with_views(body, observation, sights, progress)
     take.withdraw("report")  # as that stage writes the Gaussians' file, too
     write_gaussians(take, body.gaussians)
     return body, targets, stamp

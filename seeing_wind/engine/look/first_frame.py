@@ -140,11 +140,8 @@ def _target(view: View) -> tuple[Camera, torch.Tensor, torch.Tensor, torch.Tenso
     return crop.camera, shown, plain, covered[..., 0]
 
 
-def with_views(body: Body, first: Observation, further: Sequence[Observation], progress: Progress) -> tuple[Body, float]:
+def with_views(body: Body, first: Observation, further: Sequence[Observation], progress: Progress) -> Body:
     """The body, built from the first view, with Gaussians for everything that frame 0 of any view shows, fitted to all views.
-
-    Returns:
-        the body, and the PSNR inside the first view's mask [dB].
 
     Raises:
         ObjectError: a further view whose mask is empty.
@@ -153,5 +150,4 @@ def with_views(body: Body, first: Observation, further: Sequence[Observation], p
     gaussians = body.gaussians
     for view in views[1:]:
         gaussians = joined(gaussians, cover_bare_surface(body, gaussians, view.camera, view.mask, view.image))
-    fitted, quality = fit(gaussians, views, progress)
-    return dataclasses.replace(body, gaussians=fitted), quality
+    return dataclasses.replace(body, gaussians=fit(gaussians, views, progress)[0])

@@ -12,8 +12,8 @@ import numpy as np
 
 from ..conventions import frame_named, in_units
 from ..errors import MaterialError, SimulationError, UsageError
-from ..materials import adjust
-from ..records import Material, Particles
+from ..materials import Material, adjust
+from ..records import Particles
 from .lattice.boundary import HELD
 from .laws.constitutive import LAWS
 from .model import Model

@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..materials import LIMITS, PLASTIC_LAWS, substeps_needed
-from ..records import Material, Particles
+from ..materials import LIMITS, PLASTIC_LAWS, Material, substeps_needed
+from ..records import Particles
 
 Part = tuple[Particles, Material, float]
 """A body, its material, and the factor on its density."""

@@ -10,8 +10,8 @@ import numpy as np
 
 from ..conventions import GRAVITY, in_figures, in_units, lame
 from ..errors import SimulationError
-from ..materials import LIMITS
-from ..records import Material, Particles
+from ..materials import LIMITS, Material
+from ..records import Particles
 from .checks import check_choices, checked_bodies
 from .courant import Part, carried_modulus, enough_substeps, most_substeps, wave_substeps
 from .damping import longest_retardation, substeps_for, with_retardation

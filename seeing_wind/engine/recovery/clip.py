@@ -15,9 +15,10 @@ from typing import Any
 import numpy as np
 
 from ..errors import UsageError
+from ..materials import Material
 from ..mpm.model import Model
 from ..progress import Journal, Progress, in_words
-from ..records import Material, Outcome, Particles, Recovery
+from ..records import Outcome, Particles, Recovery
 from ..settings import RecoverSettings
 from .blocks import blocks, most_modes
 from .diagnostics.missed import fall_of, verdict

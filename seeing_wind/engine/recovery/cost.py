@@ -31,10 +31,10 @@ from typing import Any
 import numpy as np
 
 from .. import systems
-from ..materials import PLASTIC_LAWS, find
+from ..materials import PLASTIC_LAWS, Material, find
 from ..mpm.courant import substeps_of
 from ..progress import NoProgress
-from ..records import Material, Particles, PointTargets, TrackTargets
+from ..records import Particles, PointTargets, TrackTargets
 from ..settings import RecoverSettings
 from .blocks import blocks, most_modes
 from .prior.basis import SpatialBasis, spatial_basis

@@ -13,11 +13,11 @@ from scipy.spatial import cKDTree
 from ..conventions import NO_GRAVITY
 from ..errors import ObjectError, UsageError
 from ..field.torch_threads import one_torch_thread
-from ..materials import LIMITS, PLASTIC_LAWS
+from ..materials import LIMITS, PLASTIC_LAWS, Material
 from ..mpm.model import Model
 from ..mpm.model_for import model_for
 from ..progress import Journal, Progress
-from ..records import Material, Particles, PointTargets, Recovery, TrackTargets
+from ..records import Particles, PointTargets, Recovery, TrackTargets
 from ..settings import RecoverSettings
 from .clip import Clip, Foresee, still_frames, unforeseen
 from .diagnostics.remarks import BORNE, DRAFTED, moving_clamp_remark, ringing_remarks

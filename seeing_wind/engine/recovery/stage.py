@@ -12,11 +12,11 @@ import numpy as np
 
 from .. import systems
 from ..conventions import in_units
-from ..materials import LIMITS
+from ..materials import LIMITS, Material
 from ..mpm.courant import substeps_of
 from ..progress import Journal, Progress, in_words
 from ..record_arrays import TRAJECTORY, read_recovery, recovery_of, require_take, to_arrays
-from ..records import Material, Outcome, Particles, PointTargets, Recovery, TrackTargets
+from ..records import Outcome, Particles, PointTargets, Recovery, TrackTargets
 from ..settings import RecoverSettings, to_mapping
 from ..take import VERSION, Take, stamp_of
 from .clip import Foresee, unforeseen

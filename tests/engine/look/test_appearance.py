@@ -16,10 +16,11 @@ from seeing_wind.engine.look.gaussians import FLATTENING, SH0
 from seeing_wind.engine.look.over_clip import BANDS, Footage, fit_appearance
 from seeing_wind.engine.look.splatting import render_gaussians
 from seeing_wind.engine.masks import Masks
+from seeing_wind.engine.materials import Material
 from seeing_wind.engine.observe.object.motion.control import attach
 from seeing_wind.engine.observe.object.shape.visibility import seen_surface
 from seeing_wind.engine.progress import Cancelled, Progress
-from seeing_wind.engine.records import Attachment, Body, Camera, Gaussians, Material, Outcome, Particles, Recovery, Surface
+from seeing_wind.engine.records import Attachment, Body, Camera, Gaussians, Outcome, Particles, Recovery, Surface
 
 from .test_gaussians_ply import self_attached
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
-import pytest
 
 from seeing_wind.engine.look.first_frame import with_views
 from seeing_wind.engine.look.splatting import render_gaussians
@@ -45,10 +44,9 @@ def likeness(gaussians, seen: Observation) -> float:
 def test_the_side_that_only_the_second_camera_sees_is_added() -> None:
     front, side = sphere_from(0.0), sphere_from(90.0)
     alone = build_body(front, BuildSettings(particles=120))
-    both, quality = with_views(alone, front, [side], NoProgress())
+    both = with_views(alone, front, [side], NoProgress())
     assert len(both.gaussians.x) > 1.2 * len(alone.gaussians.x)
     assert likeness(both.gaussians, side) > max(18.0, likeness(alone.gaussians, side) + 6.0)
-    assert quality == pytest.approx(likeness(both.gaussians, front), abs=3.0)
     assert likeness(both.gaussians, front) > max(26.0, likeness(alone.gaussians, front) - 6.0)
     moved = both.gaussians.attachment.follow(both.particles.x + [0.1, 0.0, 0.0])
     assert np.abs(moved - both.gaussians.x - [0.1, 0.0, 0.0]).max() < 0.02, "they ride on the body"

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from seeing_wind.engine.materials import Material
 from seeing_wind.engine.mpm.laws.plasticity import VON_MISES
-from seeing_wind.engine.records import Material, Particles
+from seeing_wind.engine.records import Particles
 
 SPACING = 0.01
 RUBBER = Material("rubber", "corotated", density=300.0, youngs_modulus=2e4, poisson_ratio=0.3)

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from seeing_wind.engine.materials import Material
 from seeing_wind.engine.mpm.lattice.boundary import FREE, HELD, PINNED
 from seeing_wind.engine.mpm.model_for import model_for
 from seeing_wind.engine.mpm.rollout import rollout
 from seeing_wind.engine.mpm.state import State
-from seeing_wind.engine.records import Material
 from tests.engine.mpm.bodies import SPACING, block
 
 POST = Material("post", "corotated", density=500.0, youngs_modulus=1e5, poisson_ratio=0.3)

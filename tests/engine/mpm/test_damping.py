@@ -9,12 +9,11 @@ import pytest
 from scipy.optimize import least_squares
 
 from seeing_wind.engine.errors import MaterialError
-from seeing_wind.engine.materials import LIMITS, LOSS_FREQUENCY, MATERIALS, adjust
+from seeing_wind.engine.materials import LIMITS, LOSS_FREQUENCY, MATERIALS, Material, adjust
 from seeing_wind.engine.mpm.damping import longest_retardation, substeps_for, with_retardation
 from seeing_wind.engine.mpm.model_for import model_for
 from seeing_wind.engine.mpm.rollout import rollout
 from seeing_wind.engine.mpm.state import State
-from seeing_wind.engine.records import Material
 from tests.engine.mpm.bodies import RUBBER, block, retardation_of
 from tests.engine.mpm.test_physics import bar
 from tests.reference import mpm as twin

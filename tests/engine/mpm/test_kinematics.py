@@ -9,6 +9,7 @@ import pytest
 import torch
 
 from seeing_wind.engine.errors import SimulationError, UsageError
+from seeing_wind.engine.materials import Material
 from seeing_wind.engine.mpm.autograd import simulate
 from seeing_wind.engine.mpm.lattice.beside import carried, velocity_at
 from seeing_wind.engine.mpm.lattice.boundary import HELD
@@ -17,7 +18,6 @@ from seeing_wind.engine.mpm.lattice.kinematics import conditions_for
 from seeing_wind.engine.mpm.model_for import model_for
 from seeing_wind.engine.mpm.rollout import rollout
 from seeing_wind.engine.mpm.state import State
-from seeing_wind.engine.records import Material
 from tests.engine.mpm.bodies import block
 
 POST = Material("post", "corotated", density=500.0, youngs_modulus=2e4, poisson_ratio=0.3)

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
+from seeing_wind.engine.materials import Material
 from seeing_wind.engine.mpm.model_for import model_for
 from seeing_wind.engine.mpm.rollout import rollout
 from seeing_wind.engine.mpm.state import State
-from seeing_wind.engine.records import Material, Particles
+from seeing_wind.engine.records import Particles
 from tests.engine.mpm.bodies import RUBBER, block
 
 

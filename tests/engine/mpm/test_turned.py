@@ -9,6 +9,7 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
+from seeing_wind.engine.materials import Material
 from seeing_wind.engine.mpm.autograd import simulate
 from seeing_wind.engine.mpm.batch import rollout_batch
 from seeing_wind.engine.mpm.lattice.boundary import border_axes
@@ -18,7 +19,6 @@ from seeing_wind.engine.mpm.rollout import rollout
 from seeing_wind.engine.mpm.state import State
 from seeing_wind.engine.mpm.tangent import Changes, tangents
 from seeing_wind.engine.progress import NoProgress
-from seeing_wind.engine.records import Material
 from tests.engine.mpm.bodies import SPACING, affine_basis, block
 
 POST = Material("post", "corotated", density=500.0, youngs_modulus=1e5, poisson_ratio=0.3)

@@ -3,10 +3,11 @@
 import numpy as np
 
 from seeing_wind.engine.conventions import front_view
+from seeing_wind.engine.materials import Material
 from seeing_wind.engine.mpm.model_for import model_for
 from seeing_wind.engine.mpm.rollout import advance
 from seeing_wind.engine.mpm.state import State
-from seeing_wind.engine.records import Attachment, Camera, Material, Particles, PointTargets
+from seeing_wind.engine.records import Attachment, Camera, Particles, PointTargets
 from seeing_wind.engine.settings import RecoverSettings
 
 RUBBER = Material("rubber", "neo_hookean", density=400.0, youngs_modulus=5e3, poisson_ratio=0.3)

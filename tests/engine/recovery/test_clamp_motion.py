@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from seeing_wind.engine.materials import Material
 from seeing_wind.engine.mpm.model_for import model_for
 from seeing_wind.engine.mpm.rollout import rollout
 from seeing_wind.engine.mpm.state import State
 from seeing_wind.engine.progress import NoProgress
-from seeing_wind.engine.records import Material
 from seeing_wind.engine.recovery.recover import recover
 from seeing_wind.engine.recovery.targets.clamp_motion import clamp_motion
 from tests.engine.mpm.bodies import block

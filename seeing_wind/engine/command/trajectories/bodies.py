@@ -11,7 +11,8 @@ import numpy as np
 
 from ...conventions import DISTRUST, in_units
 from ...errors import UsageError
-from ...records import Attachment, Material, Particles, PointTargets
+from ...materials import Material
+from ...records import Attachment, Particles, PointTargets
 from ...recovery.targets.clamp_motion import clamp_motion
 from .file import gravity_of, motion_of, number_in, numbers_in, size_note, values_of
 from .material import material_of

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import MaterialError, UsageError
-from ...materials import adjust, find
-from ...records import Material
+from ...materials import Material, adjust, find
 from .file import NUMBERS, as_stated, number_in
 
 DENSITY, POISSON_RATIO = 300.0, 0.3

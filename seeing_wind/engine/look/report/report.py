@@ -9,8 +9,9 @@ import numpy as np
 
 from ...field import ForceField
 from ...field.sampling import sample_points
+from ...materials import Material
 from ...progress import Journal, NoProgress, Progress
-from ...records import Body, Gaussians, Material, Observation, Particles, Recovery, as_found
+from ...records import Body, Gaussians, Observation, Particles, Recovery, as_found
 from ...settings import RecoverSettings, to_mapping
 from ...take import Take
 from ..over_clip import frames_fitted

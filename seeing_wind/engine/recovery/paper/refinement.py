@@ -25,11 +25,12 @@ from ...field.force_field import ForceField
 from ...field.optimisers import LBFGS
 from ...field.representations.neural import ForceFieldNeural, NeuralModule
 from ...field.torch_threads import one_torch_thread
+from ...materials import Material
 from ...mpm.autograd import simulate
 from ...mpm.model import Model
 from ...mpm.model_for import model_for
 from ...progress import Journal, Progress
-from ...records import Material, Particles, Recovery, as_found, body_as_found
+from ...records import Particles, Recovery, as_found, body_as_found
 from ...settings import RecoverSettings
 from .field import OFFSET, quotient, star
 

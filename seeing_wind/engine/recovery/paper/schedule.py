@@ -24,13 +24,13 @@ from ...errors import SimulationError
 from ...field.adam import adam_state, in_parts, restore
 from ...field.optimisers import Adam
 from ...field.torch_threads import one_torch_thread
-from ...materials import PLASTIC_LAWS
+from ...materials import PLASTIC_LAWS, Material
 from ...mpm.autograd import simulate
 from ...mpm.model import Model
 from ...mpm.model_for import model_for
 from ...progress import Journal, Progress
 from ...record_arrays import from_arrays, to_arrays
-from ...records import Material, Outcome, Particles, PointTargets, Recovery
+from ...records import Outcome, Particles, PointTargets, Recovery
 from ...settings import RecoverSettings
 from ..diagnostics.missed import fall_of, verdict
 from ..diagnostics.remarks import ALONG_VIEW

@@ -10,8 +10,8 @@ import numpy as np
 
 from ...errors import MaterialError, UsageError
 from ...field.force_field import ForceField
-from ...materials import DEFAULT, SHEET_UNITS, adjust, find
-from ...records import Body, Material, Particles, Recovery, as_found, body_as_found
+from ...materials import DEFAULT, SHEET_UNITS, Material, adjust, find
+from ...records import Body, Particles, Recovery, as_found, body_as_found
 from ...settings import BodyEdit, Edit
 from . import sheets
 from .coarser import fill_coarser

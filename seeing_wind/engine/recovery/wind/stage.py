@@ -9,8 +9,9 @@ import numpy as np
 
 from ...errors import ObjectError, WrongTake
 from ...field import ForceField, distill, load_field
+from ...materials import Material
 from ...progress import Journal, Progress
-from ...records import Body, Material, Particles, Recovery
+from ...records import Body, Particles, Recovery
 from ...settings import RecoverSettings, WindSettings
 from ...take import Take, stamp_of
 from ..clip import still_frames

@@ -14,8 +14,9 @@ from seeing_wind.engine.errors import ClipError
 from seeing_wind.engine.look.report import report as module
 from seeing_wind.engine.look.report import write_overlay, write_report, write_trajectory_report
 from seeing_wind.engine.look.report.figure import GREY
+from seeing_wind.engine.materials import Material
 from seeing_wind.engine.progress import Cancelled, NoProgress, Progress
-from seeing_wind.engine.records import Attachment, Body, Camera, Gaussians, Material, Observation, Outcome, Particles, Recovery, Surface
+from seeing_wind.engine.records import Attachment, Body, Camera, Gaussians, Observation, Outcome, Particles, Recovery, Surface
 from seeing_wind.engine.recovery.journal import TakeJournal
 from seeing_wind.engine.take import Take, stamp_of
 from tests.engine.fields import UniformField

@@ -10,12 +10,13 @@ from seeing_wind.engine.conventions import distrusted, front_view
 from seeing_wind.engine.errors import ObjectError, UsageError
 from seeing_wind.engine.field import distill
 from seeing_wind.engine.look.splatting import render_gaussians
+from seeing_wind.engine.materials import Material
 from seeing_wind.engine.mpm.model_for import model_for
 from seeing_wind.engine.mpm.rollout import advance
 from seeing_wind.engine.mpm.state import State
 from seeing_wind.engine.observe.object.motion.control import attach
 from seeing_wind.engine.progress import Cancelled, NoProgress, Progress
-from seeing_wind.engine.records import Attachment, Camera, Gaussians, Material, Particles, PointTargets, TrackTargets
+from seeing_wind.engine.records import Attachment, Camera, Gaussians, Particles, PointTargets, TrackTargets
 from seeing_wind.engine.recovery.paper.field import PlaneField
 from seeing_wind.engine.recovery.paper.flow_depth_loss import FlowDepthLoss, SceneFlow
 from seeing_wind.engine.recovery.paper.image_loss import Filmed, ImageLoss

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.conventions import GRAVITY
-from seeing_wind.engine.records import Attachment, Body, Gaussians, Material, Outcome, Particles, Recovery, Surface
+from seeing_wind.engine.materials import Material
+from seeing_wind.engine.records import Attachment, Body, Gaussians, Outcome, Particles, Recovery, Surface
 from seeing_wind.engine.settings import BodyEdit
 from tests.engine.recovery.resimulate.edits import FPS, FRAMES, SOFT, run, uniform, waves
 

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from seeing_wind.engine.records import Material, Outcome, Particles, Recovery
+from seeing_wind.engine.materials import Material
+from seeing_wind.engine.records import Outcome, Particles, Recovery
 
 SPACING, LAYERS, FPS, FRAMES = 0.01, 2, 30.0, 10
 AREAL_DENSITY, SPEED = 0.4, 6.0

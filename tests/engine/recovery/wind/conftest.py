@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from seeing_wind.engine.records import Material, Particles, Recovery
+from seeing_wind.engine.materials import Material
+from seeing_wind.engine.records import Particles, Recovery
 from tests.engine.recovery.wind.blown_plate import blown_plate
 
 
