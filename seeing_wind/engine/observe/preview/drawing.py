@@ -17,6 +17,10 @@ OUTLINE, TRACK, HELD, PROPOSED, TEXT = (80, 255, 80), (255, 200, 0), (255, 80, 6
 TAIL = 8
 """Number of earlier frames over which a track is drawn behind its point."""
 
+FONT = cv2.FONT_HERSHEY_SIMPLEX
+BESIDE, NARROW = 8, 400
+"""Margin on either side of the text, and the width below which its lines are not indented [px]."""
+
 NICE = (1.0, 2.0, 5.0)
 """Leading digits of a scale bar's length."""
 
@@ -57,26 +61,40 @@ class Canvas:
 
 
 def with_verdicts(frame: np.ndarray, verdicts: Sequence[Verdict]) -> np.ndarray:
-    """`frame` (H, W, 3) uint8 RGB with the verdicts as lines of text below it."""
+    """`frame` (H, W, 3) uint8 RGB with the verdicts as lines of text below it, none of which is wider than the frame."""
     size = float(np.clip(frame.shape[1] / 1400, 0.4, 0.8))
-    line = round(34 * size)
+    line, room = round(34 * size), frame.shape[1] - 2 * BESIDE
     lines: list[tuple[str, tuple[int, int, int]]] = []
     for one in verdicts:
         color = TEXT if one.severity == 0.0 else (255, 190, 80) if one.severity < 1.0 else (255, 100, 90)
-        lines += [(part, color) for part in _wrap(f"{one.item}: {one.verdict}. {one.because} {one.do}".strip(), frame.shape[1], size)]
+        lines += [(part, color) for part in _wrap(f"{one.item}: {one.verdict}. {one.because} {one.do}".strip(), room, size)]
     board = np.full((line * len(lines) + 10, frame.shape[1], 3), 28, np.uint8)
+    above = round(24 * size) + 3  # as far as capital letters rise above the line, and a little more
     for row, (text, color) in enumerate(lines):
-        cv2.putText(board, text, (8, line * (row + 1) - 6), cv2.FONT_HERSHEY_SIMPLEX, size, color, 1, cv2.LINE_AA)
+        cv2.putText(board, text, (BESIDE, line * row + above), FONT, size, color, 1, cv2.LINE_AA)
     return np.vstack([frame, board])
 
 
-def _wrap(text: str, width: int, size: float) -> list[str]:
-    lines = [""]
+def _wrap(text: str, room: int, size: float) -> list[str]:
+    """A text as lines of at most `room` pixels, of which all but the first are indented unless the frame is narrow."""
+    indent, lines = "    " if room >= NARROW else "", [""]
     for word in text.split():
-        longer = f"{lines[-1]} {word}".strip()
-        fits = cv2.getTextSize(longer, cv2.FONT_HERSHEY_SIMPLEX, size, 1)[0][0] < width - 16
-        lines = [*lines[:-1], longer] if fits or not lines[-1] else [*lines, f"    {word}"]
+        rest = word
+        while rest:
+            begun = lines[-1].strip() != ""
+            longer = f"{lines[-1]} {rest}" if begun else lines[-1] + rest
+            if _width(longer, size) <= room:
+                lines[-1], rest = longer, ""
+            elif begun:
+                lines.append(indent)
+            else:  # a word wider than the frame
+                fits = max((end for end in range(1, len(rest)) if _width(lines[-1] + rest[:end], size) <= room), default=1)
+                lines[-1], rest = lines[-1] + rest[:fits], rest[fits:]
     return lines
+
+
+def _width(text: str, size: float) -> int:
+    return int(cv2.getTextSize(text, FONT, size, 1)[0][0])
 
 
 def _outline(canvas: np.ndarray, mask: np.ndarray, color: tuple[int, int, int], width: int) -> None:
@@ -100,4 +118,4 @@ def _scale_bar(canvas: np.ndarray, pixels_per_metre: float, width: int) -> None:
     for color, thick in (((0, 0, 0), 3 * width + 2), (TEXT, width + 1)):
         cv2.line(canvas, (x0, y), (x1, y), color, thick)
         words = bar_label(length)
-        cv2.putText(canvas, words, (x0, y - 8), cv2.FONT_HERSHEY_SIMPLEX, 0.5 * max(1, width), color, thick, cv2.LINE_AA)
+        cv2.putText(canvas, words, (x0, y - 8), FONT, 0.5 * max(1, width), color, thick, cv2.LINE_AA)

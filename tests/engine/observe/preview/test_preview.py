@@ -15,7 +15,7 @@ from scenes import Scene
 from seeing_wind.engine.command.arguments import parser
 from seeing_wind.engine.command.observe import observe
 from seeing_wind.engine.observe.clip import frames
-from seeing_wind.engine.observe.preview.drawing import Canvas, bar_label
+from seeing_wind.engine.observe.preview.drawing import Canvas, bar_label, with_verdicts
 from seeing_wind.engine.observe.preview.held import propose_held
 from seeing_wind.engine.observe.preview.verdicts import Verdict, doubt_remarks, judge
 from seeing_wind.engine.progress import NoProgress
@@ -129,6 +129,18 @@ def test_out_of_sight(disc_seen: Observation) -> None:
     masks[9:] = False
     found = verdict(dataclasses.replace(disc_seen, masks=masks), "sight")
     assert "first in frame 9" in found.because and "--frames 0:8" in found.do
+
+
+@pytest.mark.parametrize("width", [64, 120, 200, 480, 1080])
+def test_no_text_of_a_narrow_clip_is_cut_off(width: int) -> None:
+    """Some of its words are wider than the frame."""
+    because, do = "It is ASSUMED that the object is 2 m away.", "Give --distance, --pixels-per-metre or --camera."
+    frame = np.full((60, width, 3), 28, np.uint8)  # of the colour behind the text
+    image = with_verdicts(frame, [Verdict("OUTLINE", 1.0, because, do), Verdict("scale", 0.5, because, do)])
+    ink = (image != 28).any(axis=2)
+    columns, rows = (np.flatnonzero(ink.any(axis=axis)) for axis in (0, 1))
+    assert image.shape[1] == width and columns[0] >= 4 and columns[-1] < width - 4
+    assert 60 < rows[0] < 70 and rows[-1] < len(image) - 1
 
 
 def test_two_frames_show_no_force(disc_seen: Observation) -> None:
