@@ -1,10 +1,6 @@
-"""What the operators of an edit write for the engine, and how several edits of one field live in one scene."""
+"""What the operators of an edit write for the engine, and what they refuse."""
 
 from __future__ import annotations
-
-import json
-import os
-import socket
 
 import bpy
 import numpy as np
@@ -17,8 +13,6 @@ from seeing_wind.ui.bake.motion import is_intact
 from seeing_wind.ui.bake.plan import mark_of
 from seeing_wind.ui.edit import panel as panel_edit
 from seeing_wind.ui.edit.resimulate import edit_export
-from seeing_wind.ui.job.panel_pieces import draw_job
-from tests.ui.drawn import Drawn
 from tests.ui.edit.edits import state, written
 from tests.ui.meshes import cube, group, held_cube, shown
 
@@ -44,47 +38,6 @@ def test_the_engine_reads_what_the_panel_says(workplace, recovered) -> None:
     bpy.context.view_layer.update()
     freshness.refresh(recovered)
     assert state("resimulate") == "stale"
-
-
-def test_versions_of_a_file_do_not_bake_each_other_s_motion(workplace, recovered) -> None:
-    bpy.ops.wm.save_as_mainfile(filepath=str(workplace / "a.blend"))
-    cube("Falling")
-    bpy.ops.seeing_wind.insert_mesh(object="Falling")
-    bpy.ops.seeing_wind.resimulate()
-    bpy.ops.wm.save_mainfile()
-    bpy.ops.seeing_wind.scale_mass(factor=8.0)
-    bpy.ops.seeing_wind.resimulate()
-    bpy.ops.wm.open_mainfile(filepath=str(workplace / "a.blend"))
-    assert state("resimulate") == "stale"
-    draw_job(told := Drawn(), bpy.context, "resimulate", "seeing_wind.resimulate", "Re-simulate", "PLAY")
-    assert "another version of this file has simulated its own since: run it again" in " ".join(told.labels).lower()
-    with pytest.raises(RuntimeError, match="another version of this file simulated its own"):
-        bpy.ops.seeing_wind.bake()
-    bpy.ops.seeing_wind.resimulate()
-    assert state("resimulate") == "done"
-    assert bpy.ops.seeing_wind.bake() == {"FINISHED"}
-
-
-def test_a_file_saved_under_another_name_leaves_the_former_one_its_motion(workplace, recovered) -> None:
-    for name in ("a.blend", "b.blend", "c.blend"):
-        (workplace / name).unlink(missing_ok=True)
-    bpy.ops.wm.save_as_mainfile(filepath=str(workplace / "a.blend"))
-    cube("Falling")
-    bpy.ops.seeing_wind.insert_mesh(object="Falling")
-    bpy.ops.seeing_wind.resimulate()
-    bpy.ops.wm.save_mainfile()
-    bpy.ops.wm.save_as_mainfile(filepath=str(workplace / "b.blend"))
-    for factor in (8.0, 2.0):  # and keeps to its own
-        bpy.ops.seeing_wind.scale_mass(factor=factor)
-        bpy.ops.seeing_wind.resimulate()
-        assert bpy.context.scene.seeing_wind.simulated_take.endswith("out.edit.2.take")
-    bpy.ops.wm.save_mainfile()
-    (workplace / "b.blend").rename(workplace / "c.blend")
-    bpy.ops.wm.open_mainfile(filepath=str(workplace / "c.blend"))
-    bpy.ops.seeing_wind.resimulate()
-    assert bpy.context.scene.seeing_wind.simulated_take.endswith("out.edit.2.take"), "a file of another name is the same"
-    bpy.ops.wm.open_mainfile(filepath=str(workplace / "a.blend"))
-    assert state("resimulate") == "done" and bpy.ops.seeing_wind.bake() == {"FINISHED"}
 
 
 def test_pins_go_with_the_bone_that_holds_them(workplace, recovered) -> None:
@@ -129,37 +82,6 @@ def test_a_body_that_was_deleted_while_it_was_simulated_is_told(workplace, recov
     bpy.ops.seeing_wind.resimulate()
     said = capfd.readouterr().out
     assert "Goes was deleted while it was simulated" in said and "Stays was deleted" not in said
-
-
-def test_what_another_file_has_simulated_is_left_alone(workplace, recovered) -> None:
-    cube("Mine")
-    bpy.ops.seeing_wind.insert_mesh(object="Mine")
-    bpy.ops.seeing_wind.resimulate()
-    first = recovered.seeing_wind.simulated_take
-    bpy.ops.seeing_wind.scale_mass(object="Mine", factor=2.0)
-    bpy.ops.seeing_wind.resimulate()
-    assert recovered.seeing_wind.simulated_take == first, "the scene's own is renewed"
-    before = written(workplace)
-    recovered.seeing_wind.owner = "somebody else"
-    bpy.ops.seeing_wind.scale_mass(object="Mine", factor=3.0)
-    bpy.ops.seeing_wind.resimulate()
-    assert recovered.seeing_wind.simulated_take.endswith("out.edit.2.take") and written(workplace) == before
-
-
-def test_an_edit_that_another_blender_simulates_is_left_alone(workplace, recovered) -> None:
-    cube("Mine")
-    bpy.ops.seeing_wind.insert_mesh(object="Mine")
-    bpy.ops.seeing_wind.resimulate()
-    lock, before = workplace / "out.edit.take" / "take.lock", written(workplace)
-    bpy.ops.seeing_wind.scale_mass(object="Mine", factor=2.0)
-    holder = {"verb": "resimulate", "pid": os.getppid(), "host": socket.gethostname(), "since": "2026-01-01 12:00:00"}
-    lock.write_text(json.dumps(holder))
-    with pytest.raises(RuntimeError, match="is in use"):
-        bpy.ops.seeing_wind.resimulate()
-    assert written(workplace) == before
-    lock.write_text(json.dumps(holder | {"host": "elsewhere"}))
-    bpy.ops.seeing_wind.resimulate()
-    assert written(workplace) != before
 
 
 def test_field_strength_is_read_from_its_keyframes(workplace, recovered) -> None:
@@ -213,86 +135,6 @@ def test_parts_of_the_recovered_object_are_let_go(workplace, recovered) -> None:
     assert state("resimulate") == "stale"
     bpy.ops.seeing_wind.resimulate()
     assert len(np.load(workplace / "out.edit.take" / written(workplace)["body"][0]["free"])) == 16
-
-
-def test_a_duplicated_edit_stands_beside_the_first_and_each_keeps_its_own(workplace, recovered) -> None:
-    settings, first = recovered.seeing_wind, cube("Flag")
-    group(first, "Top", {0: 1.0, 1: 1.0})
-    bpy.ops.seeing_wind.insert_mesh(pin_group="Top")
-    bpy.ops.seeing_wind.resimulate()
-    bpy.ops.seeing_wind.bake()
-    bpy.ops.seeing_wind.duplicate_edit()
-    assert [edit.name for edit in settings.edits] == ["Edit 1", "Edit 2"] and settings.active_edit == 1
-    second = settings.bodies[0].object
-    assert second != first and second.data != first.data and mark_of(second) is None and state("resimulate") == "idle"
-    bpy.ops.seeing_wind.scale_mass(factor=4.0)
-    bpy.ops.seeing_wind.resimulate()
-    bpy.ops.seeing_wind.bake()
-    here, there = shown(first, 13) - shown(first, 1), shown(second, 13) - shown(second, 1)
-    np.testing.assert_allclose(there, here / 4.0, atol=1e-5)
-    np.testing.assert_allclose(shown(second, 1), shown(first, 1) + np.array(settings.offset), atol=1e-5)
-    with np.load(workplace / "out.edit_2.take" / written(workplace, "out.edit_2.take")["body"][0]["mesh"]) as mesh:
-        np.testing.assert_allclose(mesh["vertices"], shown(first, 1), atol=1e-5, err_msg="simulated in the same place of the field")
-    settings.active_edit = 0
-    assert settings.bodies[0].mass_scale == 1.0 and settings.bodies[0].object == first and tuple(settings.offset) == (0.0, 0.0, 0.0)
-    assert state("resimulate") == "done" and state("bake") == "done", "nothing of the first was lost"
-    settings.active_edit = 1
-    assert settings.bodies[0].mass_scale == 4.0 and state("bake") == "done"
-    bpy.ops.seeing_wind.remove_edit()
-    assert len(settings.edits) == 1 and settings.bodies[0].object == first and is_intact(first)
-    with pytest.raises(RuntimeError, match="only one edit"):
-        bpy.ops.seeing_wind.remove_edit()
-
-
-def everything() -> list[int]:
-    """How many objects, meshes, actions and collections the file has."""
-    data = bpy.data
-    return [len(each) for each in (data.objects, data.meshes, data.actions, data.collections, data.shape_keys)]
-
-
-def test_a_removed_edit_leaves_none_of_its_copies(workplace, recovered) -> None:
-    settings = recovered.seeing_wind
-    cube("Plain")
-    cube("Bevelled", (1.0, 0.0, 0.0)).modifiers.new("Bevel", "BEVEL")
-    for name in ("Plain", "Bevelled"):
-        bpy.ops.seeing_wind.insert_mesh(object=name)
-    bpy.ops.seeing_wind.insert_mesh(recovered=True)
-    before = everything()
-    for baked in (False, True):
-        bpy.ops.seeing_wind.duplicate_edit()
-        if baked:
-            bpy.ops.seeing_wind.resimulate()
-            bpy.ops.seeing_wind.bake(way="SHAPE_KEYS")
-            assert sum(body.baked_copy is not None for body in settings.bodies) == 2
-        assert everything() != before and bpy.ops.seeing_wind.remove_edit() == {"FINISHED"}
-        assert everything() == before and [body.called for body in settings.bodies] == ["Plain", "Bevelled", "Recovered Object"]
-        settings.edits.clear()
-
-
-def test_a_removed_edit_leaves_what_is_the_user_s_or_used_by_him(workplace, recovered) -> None:
-    """His own objects with their motion, which Clear Bake takes off; copies that he named, put elsewhere, or points at."""
-    settings = recovered.seeing_wind
-    for name in ("Own", "Named", "Moved", "Target"):
-        cube(name)
-        bpy.ops.seeing_wind.insert_mesh(object=name)
-    bpy.ops.seeing_wind.duplicate_edit()
-    copies = [body.object for body in settings.bodies]
-    copies[1].name = "Mine"
-    recovered.collection.objects.link(copies[2])
-    bpy.data.objects["Own"].constraints.new("TRACK_TO").target = copies[3]
-    kept = [obj.name for obj in copies[1:]]
-    settings.active_edit = 0
-    bpy.ops.seeing_wind.resimulate()
-    bpy.ops.seeing_wind.bake()
-    settings.active_edit = 1
-    bpy.ops.seeing_wind.remove_edit()
-    assert copies[0] not in bpy.data.objects.values() and all(name in recovered.objects for name in kept)
-    bpy.ops.seeing_wind.duplicate_edit()
-    settings.active_edit = 0
-    own = settings.bodies[0].object
-    bpy.ops.seeing_wind.remove_edit()
-    assert own.name in recovered.objects and mark_of(own) is not None, "the first edit is the user's objects"
-    assert bpy.ops.seeing_wind.clear_bake() == {"FINISHED"} and mark_of(own) is None
 
 
 def test_modifiers_that_make_vertices_move_a_copy_and_subdivision_stays(workplace, recovered) -> None:
