@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 from seeing_wind.engine.command.arguments import Parser, parser  # noqa: E402
-from seeing_wind.engine.settings import BodyEdit, ColliderEdit, Edit, options_of  # noqa: E402
+from seeing_wind.engine.settings import BodyEdit, ColliderEdit, Edit, FieldEdit, options_of  # noqa: E402
 
 PAGE = ROOT / "docs" / "reference" / "cli.md"
 UNTITLED = ("positional arguments", "options")
@@ -43,7 +43,8 @@ def page() -> str:
         parts.append(f"## `{name}`\n\n{_sentence(helps[name])}\n\n```\n{_usage(name, verb)}\n```\n")
         parts += [AS_RECOVER + "\n"] if name == "observe" else _groups(verb)
     parts.append(EDIT)
-    for title, cls in (("At the top", Edit), ("`[[body]]`", BodyEdit), ("`[[collider]]`", ColliderEdit)):
+    tables = (("At the top", Edit), ("`[[body]]`", BodyEdit), ("`[[collider]]`", ColliderEdit), ("`[[further_field]]`", FieldEdit))
+    for title, cls in tables:
         parts.append(f"### {title}\n\n" + _table("key", [(f"`{one.name}`", one.summary(one.default)) for one in options_of(cls).values()]))
     return "\n".join(parts)
 

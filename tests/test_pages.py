@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from seeing_wind.engine.command.arguments import parser
-from seeing_wind.engine.settings import BodyEdit, ColliderEdit, Edit, options_of
+from seeing_wind.engine.settings import BodyEdit, ColliderEdit, Edit, FieldEdit, options_of
 
 ROOT = Path(__file__).resolve().parents[1]
 AT_ROOT = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")]
@@ -114,10 +114,10 @@ def test_printed_commands_are_ones_that_the_engine_takes(line) -> None:
 def test_the_printed_edit_has_keys_that_there_are() -> None:
     (text,) = re.findall(r"```toml\n(.*?)```", (ROOT / "docs" / "reference" / "edit.md").read_text(encoding="utf-8"), re.DOTALL)
     edit = tomllib.loads(text)
-    bodies, colliders = edit.pop("body"), edit.pop("collider")
-    unknown = set(edit) - set(options_of(Edit))
-    unknown |= {key for body in bodies for key in body} - set(options_of(BodyEdit))
-    assert unknown | {key for one in colliders for key in one} - set(options_of(ColliderEdit)) == set()
+    unknown = set()
+    for table, cls in (("body", BodyEdit), ("collider", ColliderEdit), ("further_field", FieldEdit)):
+        unknown |= {key for one in edit.pop(table) for key in one} - set(options_of(cls))
+    assert unknown | set(edit) - set(options_of(Edit)) == set()
 
 
 def test_every_page_is_in_the_site_s_table() -> None:

@@ -14,6 +14,7 @@ from seeing_wind.engine.settings import (
     BuildSettings,
     ColliderEdit,
     Edit,
+    FieldEdit,
     ObserveSettings,
     RecoverSettings,
     ReportSettings,
@@ -90,13 +91,13 @@ def test_a_value_out_of_its_range_is_refused_in_the_words_of_its_definition(cls:
 
 
 def test_each_definition_says_what_it_is_and_its_default_keeps_to_it() -> None:
-    for cls in (*STAGES, BodyEdit, ColliderEdit, Edit):
+    for cls in (*STAGES, BodyEdit, ColliderEdit, FieldEdit, Edit):
         for one in options_of(cls).values():
             assert one.help and not one.help.endswith("."), one.name
             for value in one.default if isinstance(one.default, tuple) else [one.default]:
                 if value is not None:
                     one.check(value, one.name)
-            assert one.optional or one.default is not None or one.name in ("name", "mesh"), one.name
+            assert one.optional or one.default is not None or one.name in ("name", "mesh", "file"), one.name
 
 
 def test_what_an_inserted_mesh_is_made_of_is_said() -> None:

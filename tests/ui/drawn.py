@@ -7,13 +7,14 @@ from typing import Any
 
 
 class Drawn:
-    """A layout that remembers what was put into it: operators, labels, menus, and items of a property to choose from."""
+    """A layout that remembers what was put into it: operators, labels, menus, properties, and items of one to choose from."""
 
     def __init__(self) -> None:
         self.operators: list[SimpleNamespace] = []
         self.labels: list[str] = []
         self.menus: list[str] = []
         self.items: list[str] = []
+        self.props: list[str] = []
 
     def label(self, text: str = "", **_: object) -> None:
         self.labels.append(text)
@@ -24,6 +25,9 @@ class Drawn:
 
     def menu(self, name: str, **_: object) -> None:
         self.menus.append(name)
+
+    def prop(self, _: object, name: str, **__: object) -> None:
+        self.props.append(name)
 
     def prop_enum(self, _: object, __: str, value: str) -> None:
         self.items.append(value)

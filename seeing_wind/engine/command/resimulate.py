@@ -43,7 +43,8 @@ def resimulate(arguments: argparse.Namespace, progress: Progress) -> dict[str, A
             hint = lost if of_clip else "It came from trajectories: insert a mesh"
             raise UsageError(f"{source.path} has no recovered object.", f'{hint} instead of "recovered".')
         recovered = (read_body(source), read_recovery(source))
-    stamp = stamp_of(Path(arguments.edit), source.file(FIELD if field.kind == "wind" else "field.safetensors"))
+    others = [Path(arguments.edit).parent / one.file for one in edit.further_field]
+    stamp = stamp_of(Path(arguments.edit), source.file(FIELD if field.kind == "wind" else "field.safetensors"), *others)
     warn_of_field(source, progress)
     holding = held(out, arguments.verb, progress, inputs_of_edit(Path(arguments.edit)), made_of(edit))
     with holding, TakeJournal(out, stamp, progress) as journal:

@@ -2,7 +2,7 @@
 
     observe.py, build.py, recover.py   the stages; recover.py also has the report
     wind.py      whether a force is recovered, or the wind that causes it
-    edit.py      what is re-simulated: bodies, colliders
+    edit.py      what is re-simulated: bodies, colliders, further fields
     option.py    the definition of an option: help, unit, range, choices, flag; how a value is checked, read from words and written as words
     mapping.py   settings from plain mappings, and back
     toml.py      plain mappings as TOML
@@ -13,7 +13,7 @@ derived from the options.
 """
 
 from .build import FLOWING_PARTICLES, PARTICLES, SHEET_VERTICES, BuildSettings
-from .edit import BodyEdit, ColliderEdit, Edit
+from .edit import BodyEdit, ColliderEdit, Edit, FieldEdit
 from .mapping import from_mapping, to_mapping
 from .observe import ObserveSettings
 from .option import Option, options_of, words_of
@@ -22,6 +22,6 @@ from .toml import toml_text
 from .wind import WindSettings
 
 __all__ = [
-    "FLOWING_PARTICLES", "PARTICLES", "SHEET_VERTICES", "BodyEdit", "BuildSettings", "ColliderEdit", "Edit", "ObserveSettings", "Option",
-    "RecoverSettings", "ReportSettings", "WindSettings", "from_mapping", "options_of", "to_mapping", "toml_text", "words_of",
+    "FLOWING_PARTICLES", "PARTICLES", "SHEET_VERTICES", "BodyEdit", "BuildSettings", "ColliderEdit", "Edit", "FieldEdit", "ObserveSettings",
+    "Option", "RecoverSettings", "ReportSettings", "WindSettings", "from_mapping", "options_of", "to_mapping", "toml_text", "words_of",
 ]  # fmt: skip

@@ -1,4 +1,4 @@
-"""Settings of the stage *resimulate*, which are the keys of edit.toml: bodies, colliders, and the field that the bodies move in."""
+"""Settings of the stage *resimulate*, which are the keys of edit.toml: bodies, colliders, and the fields that the bodies move in."""
 
 from __future__ import annotations
 
@@ -117,11 +117,30 @@ class ColliderEdit:
 
 
 @dataclass(frozen=True)
+class FieldEdit:
+    """A further field that acts beside that of the take: forces add up, and so do the velocities of winds."""
+
+    file: str = option(
+        help="field.safetensors or wind.safetensors of another take, with the same frame rate and at least as many frames", file=True,
+        panel="",
+    )  # fmt: skip
+    strength: float | tuple[float, ...] = option(1.0, help="factor on this field, or one factor per frame", panel="")
+    place: str | None = option(
+        None, otherwise="where it was recovered", file=True, panel="", help="NPY (T,4,4) of its place in every frame, as `field_place`"
+    )
+    fade: float | None = option(None, unit="m", above=0.0, panel="", otherwise="no fading", help="as the edit's `fade`, for this field")
+    falloff: tuple[float, float] | None = option(
+        None, help="as the edit's `falloff`, for this field", panel="", otherwise="it does not weaken"
+    )
+
+
+@dataclass(frozen=True)
 class Edit:
     """What to simulate in a recovered field."""
 
     body: tuple[BodyEdit, ...]
     collider: tuple[ColliderEdit, ...] = ()
+    further_field: tuple[FieldEdit, ...] = ()
     gravity: tuple[float, float, float] = option(
         GRAVITY, identifier="edit_gravity", help="acceleration along world X, Y, Z in the re-simulation", unit="m/s²", one_of="gravity",
         panel="main", typical=(-20.0, 20.0),

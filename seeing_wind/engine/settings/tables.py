@@ -8,7 +8,7 @@ from typing import Any
 
 from ..errors import UsageError
 from ..reading import EmptyFile, read_toml
-from .edit import MESHES, BodyEdit, ColliderEdit, Edit
+from .edit import MESHES, BodyEdit, ColliderEdit, Edit, FieldEdit
 from .mapping import from_mapping, shown
 from .option import options_of
 
@@ -60,7 +60,9 @@ def read_edit(path: str | os.PathLike[str]) -> Edit:
     walls = tables_of(values, "collider", where, "Write [[collider]] with a name and a mesh or plane.", least=0)
     colliders = tuple(from_mapping(ColliderEdit, table, f"{path}, collider {i + 1}") for i, table in enumerate(walls))
     _check_meshes([body.mesh for body in bodies if body.mesh != "recovered"] + [wall.mesh for wall in colliders if wall.mesh], path)
-    return from_mapping(Edit, {**values, "body": bodies, "collider": colliders}, str(path))
+    others = tables_of(values, "further_field", where, "Write [[further_field]] with a file.", least=0)
+    fields = tuple(from_mapping(FieldEdit, table, f"{path}, further_field {i + 1}") for i, table in enumerate(others))
+    return from_mapping(Edit, {**values, "body": bodies, "collider": colliders, "further_field": fields}, str(path))
 
 
 def names_in(edit: Path | None) -> list[str]:
@@ -72,8 +74,8 @@ def names_in(edit: Path | None) -> list[str]:
         tables = read_toml(edit) if edit is not None else {}
     except (OSError, ValueError):
         return []
-    files = {one.name for cls in (BodyEdit, ColliderEdit, Edit) for one in options_of(cls).values() if one.file}
-    rows = [tables, *(row for key in ("body", "collider") for row in tables.get(key, ()) if isinstance(row, dict))]
+    files = {one.name for cls in (BodyEdit, ColliderEdit, FieldEdit, Edit) for one in options_of(cls).values() if one.file}
+    rows = [tables, *(row for key in ("body", "collider", "further_field") for row in tables.get(key, ()) if isinstance(row, dict))]
     named = [(key, value) for row in rows for key, value in row.items() if key in files and isinstance(value, str)]
     return [value for key, value in named if (key, value) != ("mesh", "recovered")]
 

@@ -120,4 +120,5 @@ def _left_out(edit: dict[str, Any], colliders: list[dict[str, Any]]) -> list[str
     parts += [f"the pins of {each['name']}" for each in edit.get("body", []) if each["mesh"] == "recovered" and "pin" in each]
     parts += [f"{each['name']} let go in part" for each in edit.get("body", []) if "free" in each]
     parts += ["Blender's own force fields"] * ("forces" in edit) + ["where the field was moved to"] * ("field_place" in edit)
+    parts += ["the further fields"] * ("further_field" in edit)
     return [f"Re-simulate would leave out what the file of this edit cannot give the panel: {', '.join(parts)}"] if parts else []

@@ -6,7 +6,7 @@ from ...engine.conventions import in_units
 from ...engine.materials import MATERIALS, SHEETS
 from ...engine.settings import BodyEdit, options_of
 from ..clip.object.material_menu import draw_material
-from ..field.display import has_wind
+from ..field.display import has_wind, is_field
 from ..job.panel_pieces import Tab, columns, draw_list, draw_override, draw_text, fold, panels
 from ..option_properties import panel_options
 from .sheet_label import is_shell, sheet_words
@@ -126,6 +126,8 @@ def _draw_surroundings(column, settings, space: str) -> None:
     sub = row.row()
     sub.enabled = settings.use_force_fields
     sub.prop(settings, "effectors", text="")
+    if settings.use_further_fields or sum(is_field(obj) for obj in settings.id_data.objects) > 1:
+        column.prop(settings, "use_further_fields")
     column.prop(settings, "edit_preroll")
     column.prop(settings, "contact")
     row = column.row(heading="Floor (m)")

@@ -69,6 +69,7 @@ class EditOptions:
         options_of(Edit)["field_strength"], options=KEPT | {"ANIMATABLE"}, description="Factor on the recovered field; its keyframes count"
     )
     use_force_fields: toggle("Force Fields", "Blender's own force fields act beside the recovered one, in newtons on a whole body", True)
+    use_further_fields: toggle("All Fields", "Every recovered field and wind of the scene moves the bodies, not only the scene's own one")
     effectors: PointerProperty(
         name="Effector Collection", type=bpy.types.Collection, update=changed,
         description="Only the force fields of this collection act; empty: all of the scene",

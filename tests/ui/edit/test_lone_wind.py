@@ -183,7 +183,7 @@ def test_of_several_winds_it_is_the_selected_one(field):
         bpy.ops.seeing_wind.resimulate()
     field.select_set(True)
     assert bpy.ops.seeing_wind.resimulate() == {"FINISHED"} and scene.seeing_wind.field_object == field
-    said = "The bodies move in Wind alone, as a re-simulation takes one recovered field: A Wind is left out"
+    said = "The bodies move in Wind alone: A Wind is left out. Tick All Fields to let every field of the scene act"
     assert said in notes_of(scene, "resimulate")
     field.select_set(False)
     assert lone_wind(scene) == field, "as the last time"

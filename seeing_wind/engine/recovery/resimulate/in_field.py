@@ -1,4 +1,5 @@
-"""What acts on the bodies: the recovered field, also away from where it was recovered, gravity, colliders and further forces.
+"""What acts on the bodies: the recovered field and further ones, also away from where they were recovered, gravity, colliders and further
+forces.
 
 The field may have been moved, turned or scaled. The force at a place is then the field's at that place in the field's own coordinates,
 turned with the field. Its strength does not change with the scale, as with Blender's own force fields.
@@ -9,6 +10,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
@@ -16,8 +18,9 @@ import numpy as np
 from ...conventions import frame_named
 from ...errors import UsageError
 from ...field.force_field import ForceField
+from ...field.storage import load_field
 from ...mpm.lattice.colliders import Collider
-from ...settings import Edit
+from ...settings import Edit, FieldEdit
 from .forces import Forces
 from .pins import read_way
 
@@ -26,6 +29,9 @@ FLATTEST = 1e-6
 
 FAINT = 0.5
 """A note says that the field has faded if less than this share of it is left, averaged over a body."""
+
+ALIKE = 1e-6
+"""Relative difference below which two frame rates are the same."""
 
 MOST_SCALED = 1e6
 """Factors on a mass, a stiffness or a field beyond this, and on the former two below its inverse, are a mistake."""
@@ -41,10 +47,10 @@ class Reach:
     """(a, p): at a distance d [m] from the box the share (a / (a + d)) ** p of the field is left; inside the box, all of it."""
 
     @classmethod
-    def of(cls, edit: Edit) -> Reach:
+    def of(cls, edit: FieldEdit) -> Reach:
         """The reach that an edit asks for. Raises UsageError for both fade and falloff, or a falloff that is not finite and above zero."""
         if edit.fade is not None and edit.falloff is not None:
-            raise UsageError("The edit has both fade and falloff.", "Leave one of them out.")
+            raise UsageError(f"The edit has both fade and falloff{f' for {edit.file}' if edit.file else ''}.", "Leave one of them out.")
         if edit.falloff is not None and not (np.isfinite(edit.falloff).all() and min(edit.falloff) > 0.0):
             raise UsageError(f"falloff is {edit.falloff}.", "Give metres and a power, both above zero.")
         return cls(edit.fade, edit.falloff)
@@ -70,35 +76,20 @@ class Reach:
 
 
 @dataclass(frozen=True)
-class Surroundings:
-    """Everything that acts on the bodies of an edit."""
+class Blowing:
+    """A field as it stands in an edit."""
 
     field: ForceField
     strength: np.ndarray
     """(T,) factor on the field in each of its frames."""
-    gravity: Sequence[float]
-    """(3,) [m/s²]."""
-    colliders: Sequence[Collider]
-    forces: Forces | None
-    lead: int = 0
-    """Frames before the clip, in which the field of the clip's first frame acts."""
     place: np.ndarray | None = None
     """(T, 4, 4) matrices from the field's own coordinates to the world's [m] in each of its frames; None if it stands where it was
     recovered."""
     reach: Reach = Reach()
-    coarseness: float = 1.0
-    """Factor on the length of substeps."""
-    asked: int | None = None
-    """How many of the field's frames the edit asks for; None for all."""
-
-    @property
-    def frames(self) -> int:
-        """Number of simulated frames, including those before the clip."""
-        return min(self.asked or self.field.frames, self.field.frames) + self.lead
-
-    def told(self) -> list[Any]:
-        """The inputs for a journal's digest, without the field, on which the journal's stamp depends already."""
-        return [list(self.gravity), self.strength, *self.colliders, self.forces, self.place, self.reach, self.coarseness, self.asked]
+    lead: int = 0
+    """Frames before the clip, in which the field of the clip's first frame acts."""
+    name: str = ""
+    """Of a further field, in notes; empty for that of the take."""
 
     def felt(self, points: np.ndarray, frame: int) -> tuple[np.ndarray, np.ndarray]:
         """The field's force density (P, 3) [N/m³] and its gradient (P, 3, 3) [N/m⁴] at points (P, 3) [m]; for a wind in [m/s] and [1/s]."""
@@ -111,11 +102,7 @@ class Surroundings:
             value, gradient = value @ turn.T, turn @ gradient @ back[:3, :3]
         return self.strength[row] * value, self.strength[row] * gradient
 
-    def value(self, frame: int, points: np.ndarray) -> np.ndarray:
-        """The force density, or wind velocity, of `felt` alone."""
-        return self.felt(points, frame)[0]
-
-    def place_notes(self, x: np.ndarray) -> list[str]:
+    def notes(self, x: np.ndarray) -> list[str]:
         """Notes if in some frame more than a tenth of a body was outside the field's box, or most of the field had faded at the body.
 
         Args:
@@ -124,7 +111,8 @@ class Surroundings:
         if self.place is not None:
             back = np.linalg.inv(self.place[np.minimum(np.arange(len(x)), len(self.place) - 1)])
             x = np.einsum("tij,tnj->tni", back[:, :3, :3], x) + back[:, None, :3, 3]
-        return self._outside_note(x) + self._faded_note(x)
+        told = self._outside_note(x) + self._faded_note(x)
+        return [f"{self.name}: {one}" for one in told] if self.name else told
 
     def _outside_note(self, x: np.ndarray) -> list[str]:
         outside = ((x < self.field.box[0]) | (x > self.field.box[1])).any(axis=2).mean(axis=1)
@@ -143,6 +131,70 @@ class Surroundings:
         worst, kind = int(left.argmin()), self.field.kind
         fades = f"so far from the clip's object the {kind} at it fades to {100 * left[worst]:.0f} %, in {frame_named(worst)}"
         return [f"{fades}; to have it whole there, set Reach to Hold in the panel Field, or leave fade out of edit.toml"]
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """Everything that acts on the bodies of an edit."""
+
+    fields: Sequence[Blowing]
+    """That of the take, which determines the frames and their rate, and the further ones."""
+    gravity: Sequence[float]
+    """(3,) [m/s²]."""
+    colliders: Sequence[Collider]
+    forces: Forces | None
+    lead: int = 0
+    """Frames before the clip, in which all fields of the clip's first frame act."""
+    coarseness: float = 1.0
+    """Factor on the length of substeps."""
+    asked: int | None = None
+    """How many of the field's frames the edit asks for; None for all."""
+
+    @property
+    def field(self) -> ForceField:
+        """The take's field."""
+        return self.fields[0].field
+
+    @property
+    def frames(self) -> int:
+        """Number of simulated frames, including those before the clip."""
+        return min(self.asked or self.field.frames, self.field.frames) + self.lead
+
+    def told(self) -> list[Any]:
+        """The inputs for a journal's digest, without the fields' values, on which the journal's stamp depends already."""
+        stand = [part for one in self.fields for part in (one.strength, one.place, one.reach)]
+        return [list(self.gravity), *stand, *self.colliders, self.forces, self.coarseness, self.asked]
+
+    @property
+    def blows(self) -> bool:
+        """Whether any field is a wind."""
+        return any(one.field.kind == "wind" for one in self.fields)
+
+    def wind(self, frame: int, points: np.ndarray) -> np.ndarray:
+        """Velocity (P, 3) [m/s] of the air at points (P, 3) [m]; only if it blows."""
+        return self._felt("wind", points, frame)[0]
+
+    def push(self, frame: int, density: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
+        """Acceleration (P, 3) [m/s²] by the force fields of matter of a density (P,) [kg/m³] at points (P, 3) [m], and its gradient
+        (P, 3, 3) [1/s²]; None for the latter if there is no force field."""
+        force, gradient = self.force(frame, points)
+        pushes = any(one.field.kind == "force" for one in self.fields)
+        return force / density[:, None], gradient / density[:, None, None] if pushes else None
+
+    def force(self, frame: int, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Sum of the force fields at points (P, 3) [m]: density (P, 3) [N/m³] and gradient (P, 3, 3) [N/m⁴]; 0 if there is none."""
+        return self._felt("force", points, frame)
+
+    def _felt(self, kind: str, points: np.ndarray, frame: int) -> tuple[np.ndarray, np.ndarray]:
+        found = [one.felt(points, frame) for one in self.fields if one.field.kind == kind]
+        value, gradient = np.zeros(points.shape), np.zeros((len(points), 3, 3))
+        for one in found:
+            value, gradient = value + one[0], gradient + one[1]
+        return value, gradient
+
+    def place_notes(self, x: np.ndarray) -> list[str]:
+        """Notes of all fields on the path x (T+1, N, 3) [m] of a body's particles or vertices."""
+        return [note for one in self.fields for note in one.notes(x)]
 
 
 def extrapolate(field: ForceField, points: np.ndarray, frame: int, reach: Reach = Reach()) -> tuple[np.ndarray, np.ndarray]:
@@ -194,12 +246,35 @@ def rotation_of(matrix: np.ndarray) -> np.ndarray:
     return np.asarray(U @ Vt)
 
 
-def strengths(strength: float | tuple[float, ...], frames: int) -> np.ndarray:
-    """An edit's field_strength for each frame, (frames,). Raises UsageError for another number of values, or one beyond `MOST_SCALED`."""
+def fields_of(edit: Edit, field: ForceField, folder: Path) -> list[Blowing]:
+    """The take's field and the further ones of an edit whose paths are relative to `folder`, as they stand there.
+
+    Raises:
+        UsageError: for a further field of another frame rate, or with fewer frames; as `strengths`, `read_place`, `Reach.of`, `load_field`.
+    """
+    whole, found = FieldEdit("", edit.field_strength, edit.field_place, edit.fade, edit.falloff), []
+    for one in (whole, *edit.further_field):
+        blown = field if one is whole else load_field(folder / one.file)
+        if blown.frames < field.frames or abs(blown.fps / field.fps - 1.0) > ALIKE:
+            has, asked = (f"{each.frames} frames, {each.fps:g} a second" for each in (blown, field))
+            needs = "A further field needs the same frame rate, and at least as many frames."
+            raise UsageError(f"{one.file} has {has}, and the take's field {asked}.", needs)
+        place = None if one.place is None else read_place(folder / one.place, blown.frames)
+        found.append(Blowing(blown, strengths(one.strength, blown.frames, one.file), place, Reach.of(one), edit.preroll, one.file))
+    return found
+
+
+def strengths(strength: float | tuple[float, ...], frames: int, file: str = "") -> np.ndarray:
+    """The strength of an edit's field for each frame, (frames,); `file` is that of a further one.
+
+    Raises:
+        UsageError: for another number of values, or one beyond `MOST_SCALED`.
+    """
     values = np.atleast_1d(np.asarray(strength, dtype=np.float64))
     if len(values) not in (1, frames) or not (np.abs(values) <= MOST_SCALED).all():
+        called = f"The strength of {file}" if file else "field_strength"
         raise UsageError(
-            f"field_strength has {len(values)} values for {frames} frames, the largest {np.abs(values).max(initial=0.0):g}.",
+            f"{called} has {len(values)} values for {frames} frames, the largest {np.abs(values).max(initial=0.0):g}.",
             f"Give one number, or one per frame, up to {MOST_SCALED:g}.",
         )
     return np.broadcast_to(values, (frames,))

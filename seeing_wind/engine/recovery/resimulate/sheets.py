@@ -192,9 +192,14 @@ def push_of_field(shell: Shell, force: np.ndarray, gradient: np.ndarray, x: np.n
     return lambda now, v, frame: (volume * (force + np.einsum("vij,vj->vi", gradient, now - x)), None)
 
 
-def push_of_wind(shell: Shell, wind: np.ndarray) -> Load:
-    """The drag during a frame of air with the velocity `wind` (V, 3) [m/s] at the vertices (`wind.drag`)."""
-    return lambda now, v, frame: vertex_drag(wind, now, v, shell.surface.faces)
+def and_wind(load: Load, shell: Shell, wind: np.ndarray) -> Load:
+    """A load without damping plus the drag during a frame of air with the velocity `wind` (V, 3) [m/s] at the vertices (`wind.drag`)."""
+
+    def both(now: np.ndarray, v: np.ndarray, frame: int) -> tuple[np.ndarray, np.ndarray]:
+        drag, damping = vertex_drag(wind, now, v, shell.surface.faces)
+        return load(now, v, frame)[0] + drag, damping
+
+    return both
 
 
 def and_further(load: Load, shell: Shell, push: Push) -> Load:
@@ -226,8 +231,9 @@ def move(
     for t in range(done, around.frames):
         progress.update(begun + share * t / around.frames, f"frame {t + 1} of {around.frames}: {edit.name}")
         if t >= edit.start_frame:
-            felt, slope = around.felt(state.x, t)
-            load = push_of_wind(shell, felt) if field.kind == "wind" else push_of_field(shell, felt, slope, state.x)
+            load = push_of_field(shell, *around.force(t, state.x), state.x)
+            if around.blows:
+                load = and_wind(load, shell, around.wind(t, state.x))
             if around.forces is not None:
                 load = and_further(load, shell, around.forces.at(state.x, t))
             if t == edit.start_frame:

@@ -30,7 +30,7 @@ from ..wind.surface import BodySurface, mesh_surface
 from . import sheets
 from .actors import FASTEST, Actor, enter_all
 from .forces import read_forces
-from .in_field import Reach, Surroundings, read_place, strengths
+from .in_field import Surroundings, fields_of
 from .obstacles import colliders_of
 from .pins import pull_back
 
@@ -72,10 +72,10 @@ def simulate_bodies(
 
     In a force field the acceleration of a particle is strength f(x, t) / (rho mass_scale), evaluated at the start of the frame and held
     over it, with its gradient within the particle's cell, plus the edit's gravity, its further forces and the pull of soft pins. In a wind
-    (`field.kind`) the air acts on the body's mesh, see `wind.motion`. Outside its box the field continues as at the nearest place of the
-    box, as far as the edit allows. With a preroll the bodies of meshes move for that many frames before the clip, in the field of the
-    clip's first frame; the result does not include these frames. With a coarseness above one, or fewer frames than the field has, the
-    result is a preview; its notes say which bodies are finer than asked for.
+    (`field.kind`) the air acts on the body's mesh, see `wind.motion`. The edit's further fields add to the force or to the wind. Outside
+    its box a field continues as at the nearest place of the box, as far as the edit allows. With a preroll the bodies of meshes move for
+    that many frames before the clip, in the fields of the clip's first frame; the result does not include these frames. With a coarseness
+    above one, or fewer frames than the field has, the result is a preview; its notes say which bodies are finer than asked for.
 
     Args:
         recovered: the clip's own object and its recovery, for a body whose mesh is "recovered".
@@ -113,7 +113,6 @@ def simulate_bodies(
 
 def _surroundings(edit: Edit, field: ForceField, folder: Path) -> Surroundings:
     """What acts on the bodies of an edit whose paths are relative to `folder`. Raises UsageError for what does not fit the field."""
-    strength = strengths(edit.field_strength, field.frames)
     if not np.linalg.norm(edit.gravity) <= FASTEST:
         raise UsageError(f"gravity is {edit.gravity}.", f"Give three numbers in m/s², {FASTEST:g} together at most.")
     if not 0 <= edit.preroll <= MOST_PREROLL:
@@ -121,8 +120,7 @@ def _surroundings(edit: Edit, field: ForceField, folder: Path) -> Surroundings:
     colliders = colliders_of(edit.collider, folder, field.frames)
     colliders = [one.delayed(edit.preroll) if isinstance(one, MeshCollider) else one for one in colliders]
     forces = None if edit.forces is None else read_forces(folder / edit.forces, field.frames).after(edit.preroll)
-    place = None if edit.field_place is None else read_place(folder / edit.field_place, field.frames)
-    return Surroundings(field, strength, edit.gravity, colliders, forces, edit.preroll, place, Reach.of(edit), edit.coarseness, edit.frames)
+    return Surroundings(fields_of(edit, field, folder), edit.gravity, colliders, forces, edit.preroll, edit.coarseness, edit.frames)
 
 
 def _shown(body: Simulated, x: np.ndarray, around: Surroundings, edit: Edit) -> Simulated:
@@ -193,12 +191,12 @@ def _move(
         if t in starts:
             model = _model(actors, t, around)[0]
             state = _release(state, actors, slices, t)
-        if t >= min(starts) and field.kind == "wind":
-            state = advance_in_wind(model, state, partial(around.value, t), sails, t, partial(further.added, t))
+        if t >= min(starts) and around.blows:
+            push, added = partial(around.push, t, density), partial(further.added, t)
+            state = advance_in_wind(model, state, partial(around.wind, t), sails, t, push, added)
         elif t >= min(starts):
-            force, gradient = around.felt(state.x, t)
-            acceleration = further.added(t, state, force / density[:, None], 1.0 / field.fps)
-            state = advance(model, state, acceleration, gradient / density[:, None, None], frame=t)
+            pushed, gradient = around.push(t, density, state.x)
+            state = advance(model, state, further.added(t, state, pushed, 1.0 / field.fps), gradient, frame=t)
         history.append(state.x)
         loop.reached(t + 1, partial(_so_far, history, state))
     path = np.stack(history)

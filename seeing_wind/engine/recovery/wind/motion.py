@@ -3,7 +3,8 @@
 A light body reaches the wind's speed within a frame, and a fluttering one turns within a frame, so a force held over the whole frame would
 make it overtake the wind. Each frame is therefore cut into parts in which the velocity relative to the air changes only a little. In each
 part the force is that of the implicit step of `drag`: D w' instead of D w, with w' = (1 + dt D / m)^-1 (w - dt g), where m is the mass
-behind the piece and g gravity. A body of any weight then ends the part slower than the air, and one at terminal velocity keeps it.
+behind the piece and g the acceleration by gravity and force fields. A body of any weight then ends the part slower than the air, and one at
+terminal velocity keeps it.
 """
 
 from __future__ import annotations
@@ -34,15 +35,17 @@ class Sail:
     rows: slice
     """The body's particles in the model."""
 
-    def drag(self, model: Model, state: State, wind: Callable[[np.ndarray], np.ndarray], dt: float) -> np.ndarray:
-        """Force of the air on the body's particles (N, 3) [N], implicit over a time dt [s]."""
+    def drag(self, model: Model, state: State, wind: Callable[[np.ndarray], np.ndarray], pushed: np.ndarray, dt: float) -> np.ndarray:
+        """Force of the air on the body's particles (N, 3) [N], implicit over a time dt [s] in which force fields accelerate the model's
+        particles by `pushed` (M, 3) [m/s²]."""
         x, v, F = state.x[self.rows], state.v[self.rows], state.F[self.rows]
         normals = self.surface.normals(x, F)
         relative = wind(self.surface.attachment.follow(x)) - self.surface.attachment.follow(v)
         damping = face_damping(relative, normals, closed=self.surface.closed)
         behind = self._mass_per_area(model, normals) * np.linalg.norm(normals, axis=1) + TINY
         felt = np.eye(3) + dt * damping / behind[:, None, None]
-        after = np.linalg.solve(felt, (relative - dt * model.gravity)[..., None])
+        drawn = model.gravity + self.surface.attachment.follow(pushed[self.rows])
+        after = np.linalg.solve(felt, (relative - dt * drawn)[..., None])
         return self.surface.spread((damping @ after)[..., 0], len(x))
 
     def haste(self, model: Model, state: State, wind: Callable[[np.ndarray], np.ndarray]) -> float:
@@ -66,14 +69,17 @@ def advance_in_wind(
     wind: Callable[[np.ndarray], np.ndarray],
     sails: Sequence[Sail],
     frame: int,
+    push: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray | None]],
     further: Callable[[State, np.ndarray, float], np.ndarray],
 ) -> State:
     """Advance bodies in a wind by one frame.
 
     Args:
         wind: places (P, 3) [m] -> velocity of the air there (P, 3) [m/s] in this frame.
-        further: function of state, acceleration by the air (N, 3) [m/s²] and duration [s]; it returns the acceleration with all other
-            effects but gravity added.
+        push: places (N, 3) [m] of the particles -> their acceleration by force fields (N, 3) [m/s²], and its gradient (N, 3, 3) [1/s²]
+            or None.
+        further: function of state, acceleration by air and force fields (N, 3) [m/s²] and duration [s]; it returns the acceleration with
+            all other effects but gravity added.
 
     Raises:
         SimulationError: as in `mpm.rollout`.
@@ -83,9 +89,10 @@ def advance_in_wind(
     parts = min(max(1, math.ceil(haste * model.frame_dt / LOST)), MOST_PARTS)
     dt = model.frame_dt / parts
     for part in range(parts):
-        acceleration = np.zeros_like(state.x)
+        pushed, gradient = push(state.x)
+        acceleration = pushed.copy()
         for sail in sails:
-            acceleration[sail.rows] = sail.drag(model, state, wind, dt) / model.mass[sail.rows, None]
+            acceleration[sail.rows] += sail.drag(model, state, wind, pushed, dt) / model.mass[sail.rows, None]
         share = replace(model, frame_dt=dt, substeps=math.ceil(model.substeps / parts), part=(part, parts))
-        state = advance(share, state, further(state, acceleration, dt), frame=frame)
+        state = advance(share, state, further(state, acceleration, dt), gradient, frame=frame)
     return state

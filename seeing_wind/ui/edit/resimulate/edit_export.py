@@ -23,8 +23,9 @@ from ...option_properties import single
 from ...scene_mesh import has_inside, mesh_arrays, name_of, pinned_vertices, refuse_no_sheet, solid_arrays
 from ...scene_units import metres_per_unit
 from .edit_files import export_mesh, export_pins, write_array, write_edit, write_pins
-from .field_place import said_of_field, standing
+from .field_place import present_field, said_of_field, standing
 from .force_fields import force_fields, left_out
+from .further_fields import export_further_fields
 from .further_forces import further_forces
 from .geometry import may_move, seen_in_place_of
 from .preview import COARSENESS, frames_seen
@@ -57,7 +58,8 @@ def export_edit(
         frames = scene_frames(scene, field.frames + 1, field.fps)
         bodies = [_body(body, request, scene, source, folder, frames) for body in request.bodies]
         colliders, notes = _colliders(request, scene, folder, frames)
-        stands = standing(scene, field.box, frames, request.metres)
+        stands = standing(present_field(scene), scene, field.box, frames, request.metres)
+        others = export_further_fields(scene, folder, frames, field.fps, request.metres)
     finally:
         set_frame(scene, at)
     notes += said_of_field(scene) + left_out(scene)
@@ -67,7 +69,8 @@ def export_edit(
     }  # fmt: skip
     if preview:
         values |= {"coarseness": COARSENESS, "frames": frames_seen(scene, frames[1] - frames[0])}
-    return write_edit(folder, bodies, _gravity(request, source), colliders, own(scene.seeing_wind), **values), notes + said
+    written = write_edit(folder, bodies, _gravity(request, source), colliders, own(scene.seeing_wind), others, **values)
+    return written, notes + said
 
 
 def refuse_unfit(objects: Sequence[bpy.types.Object], scene: bpy.types.Scene, collide: bool = False, sheet: bool = False) -> None:

@@ -68,6 +68,7 @@ def write_edit(
     gravity: tuple[float, float, float] | None,
     colliders: Sequence[dict[str, Any]] = (),
     owner: str = "",
+    further_fields: Sequence[dict[str, Any]] = (),
     **settings: Any,
 ) -> Path:
     """Write `edit.toml`, the engine's description of a re-simulation.
@@ -78,10 +79,11 @@ def write_edit(
         gravity: [m/s²], None for no gravity.
         colliders: one mapping per `[[collider]]`.
         owner: the file's first line, see `takes.own`.
+        further_fields: one mapping per `[[further_field]]`.
         settings: further keys at the top, such as `field_strength` (a number, or one per frame).
     """
     top = {"gravity": list(gravity) if gravity is not None else [0.0, 0.0, 0.0], **settings}
-    tables = {"body": bodies, "collider": colliders}
+    tables = {"body": bodies, "collider": colliders, "further_field": further_fields}
     kept = {
         name: [{key: _plain(value) for key, value in each.items() if value is not None} for each in table] for name, table in tables.items()
     }

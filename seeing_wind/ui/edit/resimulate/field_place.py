@@ -1,4 +1,4 @@
-"""The field object as placed in the scene: its place, its strength and its reach outside its box, as Blender's own solvers feel them."""
+"""Field objects as placed in the scene: place, strength and reach outside the box, as Blender's own solvers feel them. No NumPy."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import bpy
 
 from ...bake.animation import keyframes, lineage, set_frame
-from ...field.display import share
+from ...field.display import KIND, LOOP, STRIDE, is_field, share
 from .geometry import may_move_along
 
 if TYPE_CHECKING:
@@ -18,12 +18,27 @@ ALIKE = 1e-6
 """Largest difference from the identity matrix at which the field counts as not moved, times the largest coordinate of its box [m] if
 above 1: single precision."""
 
+OF_VALUES = ("seeing_wind_take", "seeing_wind_frame_start", "seeing_wind_frames", "seeing_wind_strength", STRIDE, LOOP, KIND)
+"""Custom properties of a further field that tell which values it has, and when they act."""
+
 
 def stamp(scene: bpy.types.Scene) -> tuple:
-    """Everything about the field object that the re-simulation depends on, with keyframes in place of the values they change."""
-    obj = _field(scene)
-    if obj is None:
-        return ()
+    """Everything about the field objects that the re-simulation depends on, with keyframes in place of the values they change."""
+    obj = present_field(scene)
+    others = [(_stamp_of(each), *(each[name] for name in OF_VALUES)) for each in further_fields(scene)]
+    return (*(_stamp_of(obj) if obj is not None else ()), *others)
+
+
+def further_fields(scene: bpy.types.Scene) -> list[bpy.types.Object]:
+    """The field objects that act beside the scene's own, if the edit asks for them; those disabled in viewports are left out."""
+    settings = scene.seeing_wind
+    if not settings.use_further_fields:
+        return []
+    found = {obj for obj in scene.objects if is_field(obj) and not obj.hide_viewport and obj != settings.field_object}
+    return sorted(found, key=lambda obj: obj.name)
+
+
+def _stamp_of(obj: bpy.types.Object) -> tuple:
     keys = keyframes(obj)
     strength = "keyframes" if any(path == "field.strength" for path, _, _ in keys) else round(share(obj), 5)
     return (lineage(obj), keys, strength, obj.get("seeing_wind_reach", ""))
@@ -41,10 +56,13 @@ class Standing:
     """The edit's `fade` or `falloff`, or neither."""
 
 
-def standing(scene: bpy.types.Scene, box: np.ndarray, frames: list[float], metres: float) -> Standing:
-    """The placement of the field object in each interval of a clip.
+def standing(
+    obj: bpy.types.Object | None, scene: bpy.types.Scene, box: np.ndarray, frames: list[float], metres: float
+) -> Standing:
+    """The placement of a field object in each interval of a clip.
 
     Args:
+        obj: None for the recovered field where the user has deleted its object.
         box: (2, 3) the field's box, where it was recovered [m].
         frames: scene frames of the T + 1 clip frames; the scene is left at the first.
         metres: length of one scene unit [m].
@@ -53,7 +71,6 @@ def standing(scene: bpy.types.Scene, box: np.ndarray, frames: list[float], metre
 
     from ...field.texture.reach import CONTINUE, FADE, reach_of
 
-    obj = _field(scene)
     if obj is None:
         return Standing(None, [1.0] * (len(frames) - 1), {"fade": reach_of(FADE, box).width})
     # a solver that steps to a frame feels the field as it is in that frame
@@ -78,7 +95,7 @@ def standing(scene: bpy.types.Scene, box: np.ndarray, frames: list[float], metre
 
 def said_of_field(scene: bpy.types.Scene) -> list[str]:
     """Messages on cases in which the re-simulation feels the recovered field but Blender's own solvers do not."""
-    obj = _field(scene)
+    obj = present_field(scene)
     if obj is None:
         return ["The field object was deleted: the recovered field acts where it was, and fades beside it. Reload brings the object back"]
     if obj.hide_viewport:
@@ -86,7 +103,7 @@ def said_of_field(scene: bpy.types.Scene) -> list[str]:
     return []
 
 
-def _field(scene: bpy.types.Scene) -> bpy.types.Object | None:
+def present_field(scene: bpy.types.Scene) -> bpy.types.Object | None:
     """The scene's field object; None if the user has deleted it, in which case the recovered field still acts where it was."""
     obj = scene.seeing_wind.field_object
     return obj if obj is not None and scene in obj.users_scene else None

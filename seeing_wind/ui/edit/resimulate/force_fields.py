@@ -45,7 +45,7 @@ def left_out(scene: bpy.types.Scene) -> list[str]:
     """Messages on what would push the bodies, or weaken a push, in a solver of the scene, but acts differently or not at all here."""
     settings = scene.seeing_wind
     seen = [obj for obj in scene.objects if not obj.hide_viewport]
-    said = _other_winds(seen, settings.field_object)
+    said = [] if settings.use_further_fields else _other_winds(seen, settings.field_object)
     if settings.field_object is not None and said_of_mirror(settings.field_object):
         said.append(f"{settings.field_object.name}: {said_of_mirror(settings.field_object)}")
     if not settings.use_force_fields:
@@ -68,7 +68,7 @@ def _other_winds(seen: list[bpy.types.Object], felt: bpy.types.Object | None) ->
     if not others:
         return []
     where, left = felt.name if felt is not None else "the recovered wind", "are" if len(others) > 1 else "is"
-    return [f"The bodies move in {where} alone, as a re-simulation takes one recovered field: {', '.join(others)} {left} left out"]
+    return [f"The bodies move in {where} alone: {', '.join(others)} {left} left out. Tick All Fields to let every field of the scene act"]
 
 
 def _has_forces(settings: bpy.types.ParticleSettings) -> bool:

@@ -32,17 +32,17 @@ def lone_wind(scene: bpy.types.Scene) -> bpy.types.Object | None:
     Of several, it is the selected one, else the one used last.
 
     Raises:
-        UsageError: when there are several and none is selected.
+        UsageError: when there are several, none is selected, and they do not all act.
     """
     settings = scene.seeing_wind
     if settings.recovered_take and not takes.shows_lone(settings):
         return None
-    there = [obj for obj in scene.objects if is_field(obj)]
+    there = sorted((obj for obj in scene.objects if is_field(obj)), key=lambda obj: obj.name)
     meant = field_at_hand(bpy.context) if bpy.context.scene == scene else settings.field_object
     if meant in there:
         return meant
-    if len(there) > 1:
-        names = ", ".join(sorted(obj.name for obj in there)[:4])
+    if len(there) > 1 and not settings.use_further_fields:
+        names = ", ".join(obj.name for obj in there[:4])
         raise UsageError(f"There are several winds: {names}.", "Select the one in which the bodies are to move, too.")
     return there[0] if there else None
 
@@ -66,15 +66,9 @@ def adopt(scene: bpy.types.Scene, field: bpy.types.Object) -> list[str]:
     if not 0 < count <= MOST:
         begins = f"{field.name} blows here from frame {first} on, and the scene ends at {scene.frame_end}."
         raise UsageError(begins, f"Let the scene last for 1 to {MOST} frames of the wind.")
-    sampled, metres = read_samples(samples), metres_per_unit(scene)
-    counts, frames, fps = sampled.counts, len(sampled.force), frames_per_second(scene) / stride
-    rows = rows_at(field, first + stride * (np.arange(count) + 0.5), frames)
-    box = sampled.box * metres
-    left = sampled.left(reach_of(field["seeing_wind_reach"], sampled.box))[..., None]
-    fields = {"field.safetensors": ("force", sampled.force * left)}
-    if sampled.velocity is not None and field[KIND] == "WIND":
-        fields["wind.safetensors"] = ("wind", sampled.velocity * left)
-    parts = [_field_file(kind, (values * metres).reshape(frames, *counts, 3), rows, box, fps) for kind, values in fields.values()]
+    fps = frames_per_second(scene) / stride
+    box, fields = field_files(field, samples, first + stride * (np.arange(count) + 0.5), metres_per_unit(scene), fps)
+    parts = list(fields.values())
     take = Take(takes.home_of(scene, field.name))
     stamp = stamp_of(*parts)
     if take.description().get("stages", {}).get("recover", {}).get("stamp") != stamp:
@@ -91,6 +85,31 @@ def adopt(scene: bpy.types.Scene, field: bpy.types.Object) -> list[str]:
     takes.show(settings, take.path, takes.NOT_RECOVERED)
     settings.field_object, settings.frame_start, settings.real_time = field, first, True
     return [moved] if moved else []
+
+
+def field_files(
+    field: bpy.types.Object, samples: bpy.types.Object, times: np.ndarray, metres: float, fps: float
+) -> tuple[np.ndarray, dict[str, bytes]]:
+    """What solvers feel of a field object, from the values that it carries, as files of the engine.
+
+    Args:
+        times: (T,) scene frames at which the T frames of the files act.
+        metres: length of one scene unit [m].
+        fps: frames of the files per second.
+
+    Returns:
+        The box (2, 3) [m] in the object's own coordinates, and the contents of the files by name: the force, then the wind if it is felt.
+    """
+    sampled = read_samples(samples)
+    counts, frames, box = sampled.counts, len(sampled.force), sampled.box * metres
+    rows = rows_at(field, times, frames)
+    left = sampled.left(reach_of(field["seeing_wind_reach"], sampled.box))[..., None]
+    fields = {"field.safetensors": ("force", sampled.force * left)}
+    if sampled.velocity is not None and field[KIND] == "WIND":
+        fields["wind.safetensors"] = ("wind", sampled.velocity * left)
+    return box, {
+        name: _field_file(kind, (values * metres).reshape(frames, *counts, 3), rows, box, fps) for name, (kind, values) in fields.items()
+    }
 
 
 def _field_file(kind: str, values: np.ndarray, rows: np.ndarray, box: np.ndarray, fps: float) -> bytes:

@@ -7,9 +7,9 @@ import pytest
 
 from seeing_wind.engine.errors import UsageError
 from seeing_wind.engine.field.confidence import ConfidenceMap
-from seeing_wind.engine.recovery.resimulate.in_field import Reach, Surroundings, extrapolate, read_place, rotation_of
+from seeing_wind.engine.recovery.resimulate.in_field import Blowing, Reach, extrapolate, read_place, rotation_of
 from seeing_wind.engine.settings import BodyEdit
-from tests.engine.recovery.resimulate.edits import FPS, FRAMES, SOFT, WEIGHTLESS, run, uniform, waves
+from tests.engine.recovery.resimulate.edits import FPS, FRAMES, SOFT, run, uniform, waves
 
 trimesh = pytest.importorskip("trimesh")
 
@@ -28,8 +28,8 @@ def speed(body) -> np.ndarray:
     return np.diff(body.vertices.mean(axis=1), axis=0) * FPS
 
 
-def around(field, place=None, reach=Reach(), strength=1.0) -> Surroundings:
-    return Surroundings(field, np.full(FRAMES, strength), WEIGHTLESS, (), None, 0, place, reach)
+def around(field, place=None, reach=Reach(), strength=1.0) -> Blowing:
+    return Blowing(field, np.full(FRAMES, strength), place, reach)
 
 
 def test_a_field_that_is_turned_pushes_the_other_way(folder):
