@@ -124,6 +124,7 @@ class FieldEdit:
         help="field.safetensors or wind.safetensors of another take, with the same frame rate and at least as many frames", file=True,
         panel="",
     )  # fmt: skip
+    name: str | None = option(None, help="name of this field in messages", otherwise="its file", panel="")
     strength: float | tuple[float, ...] = option(1.0, help="factor on this field, or one factor per frame", panel="")
     place: str | None = option(
         None, otherwise="where it was recovered", file=True, panel="", help="NPY (T,4,4) of its place in every frame, as `field_place`"

@@ -48,7 +48,8 @@ def test_other_fields_act_if_the_edit_asks_for_them(workplace, recovered, beside
     assert bpy.ops.seeing_wind.resimulate() == {"FINISHED"} and state("resimulate") == "done"
     assert not [note for note in notes_of(recovered, "resimulate") if "left out" in note]
     (entry,) = written(workplace)["further_field"]
-    assert entry["strength"] == pytest.approx(2.0) and entry["falloff"] == pytest.approx([1.5, 1.0]), "by its Reach, Continue"
+    assert entry["name"] == "Wind" and entry["strength"] == pytest.approx(2.0)
+    assert entry["falloff"] == pytest.approx([1.5, 1.0]), "by its Reach, Continue"
     metadata, arrays = opened(folder / entry["file"])
     recorded = json.loads((workplace / "out.take" / "report.json").read_text())
     assert (float(metadata["fps"]), int(metadata["frames"]), metadata["kind"]) == (recorded["fps"], 12, "force")

@@ -111,15 +111,14 @@ class Blowing:
         if self.place is not None:
             back = np.linalg.inv(self.place[np.minimum(np.arange(len(x)), len(self.place) - 1)])
             x = np.einsum("tij,tnj->tni", back[:, :3, :3], x) + back[:, None, :3, 3]
-        told = self._outside_note(x) + self._faded_note(x)
-        return [f"{self.name}: {one}" for one in told] if self.name else told
+        return self._outside_note(x) + self._faded_note(x)
 
     def _outside_note(self, x: np.ndarray) -> list[str]:
         outside = ((x < self.field.box[0]) | (x > self.field.box[1])).any(axis=2).mean(axis=1)
         if outside.max() <= 0.1:
             return []
         first, share, kind = int(np.argmax(outside > 0.1)), 100 * outside.max(), self.field.kind
-        where = f"up to {share:.0f} % of it lies outside the field's box, first in {frame_named(first)}"
+        where = f"up to {share:.0f} % of it lies outside {self.name or 'the field'}'s box, first in {frame_named(first)}"
         ends = f"the {kind} there is that of the box's edge" if self.reach == Reach() else f"the {kind} weakens there"
         return [f"{where}; {ends}"]
 
@@ -128,7 +127,7 @@ class Blowing:
         left = np.array([self.reach.left_near(self.field, points, t)[0].mean() for t, points in enumerate(inside)])
         if left.min() >= FAINT:
             return []
-        worst, kind = int(left.argmin()), self.field.kind
+        worst, kind = int(left.argmin()), self.field.kind + (f" of {self.name}" if self.name else "")
         fades = f"so far from the clip's object the {kind} at it fades to {100 * left[worst]:.0f} %, in {frame_named(worst)}"
         return [f"{fades}; to have it whole there, set Reach to Hold in the panel Field, or leave fade out of edit.toml"]
 
@@ -252,7 +251,7 @@ def fields_of(edit: Edit, field: ForceField, folder: Path) -> list[Blowing]:
     Raises:
         UsageError: for a further field of another frame rate, or with fewer frames; as `strengths`, `read_place`, `Reach.of`, `load_field`.
     """
-    whole, found = FieldEdit("", edit.field_strength, edit.field_place, edit.fade, edit.falloff), []
+    whole, found = FieldEdit("", None, edit.field_strength, edit.field_place, edit.fade, edit.falloff), []
     for one in (whole, *edit.further_field):
         blown = field if one is whole else load_field(folder / one.file)
         if blown.frames < field.frames or abs(blown.fps / field.fps - 1.0) > ALIKE:
@@ -260,7 +259,8 @@ def fields_of(edit: Edit, field: ForceField, folder: Path) -> list[Blowing]:
             needs = "A further field needs the same frame rate, and at least as many frames."
             raise UsageError(f"{one.file} has {has}, and the take's field {asked}.", needs)
         place = None if one.place is None else read_place(folder / one.place, blown.frames)
-        found.append(Blowing(blown, strengths(one.strength, blown.frames, one.file), place, Reach.of(one), edit.preroll, one.file))
+        strength = strengths(one.strength, blown.frames, one.file)
+        found.append(Blowing(blown, strength, place, Reach.of(one), edit.preroll, one.name or one.file))
     return found
 
 

@@ -43,7 +43,8 @@ def export_further_fields(scene: bpy.types.Scene, folder: Path, frames: list[flo
         stands = standing(obj, scene, box, frames, metres)
         if not np.isfinite(stands.share).all():
             raise UsageError(f"The strength of {obj.name} is no number.", "Correct it, with its keyframes and drivers.")
-        entry = {"file": path.relative_to(folder), "strength": stands.share[0] if len(set(stands.share)) == 1 else stands.share}
+        strength = stands.share[0] if len(set(stands.share)) == 1 else stands.share
+        entry = {"file": path.relative_to(folder), "name": obj.name, "strength": strength}
         if stands.place is not None:
             write_array(path.with_suffix(".npy"), stands.place)
             entry["place"] = path.with_suffix(".npy").relative_to(folder)

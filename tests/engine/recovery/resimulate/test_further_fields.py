@@ -106,6 +106,17 @@ def test_a_further_field_stands_and_fades_by_itself(folder):
     np.testing.assert_allclose(moved(folder, PLATE, field("force", force), far, fade=1.0), moved(folder, PLATE, field("force", force)))
 
 
+def test_notes_name_the_field_that_they_are_about(folder):
+    far = field("force", 1.0, box=BOX + [50.0, 0.0, 0.0])
+    far.save(folder / "far.safetensors")
+    for name, called in ((None, "far.safetensors"), ("Breeze", "Breeze")):
+        edit = Edit((PLATE,), gravity=(0.0, 0.0, 0.0), further_field=(FieldEdit("far.safetensors", name),))
+        notes = simulate_bodies(edit, field("force", 1.0), None, folder)["plate"].notes
+        assert [note for note in notes if "box" in note] == [
+            f"up to 100 % of it lies outside {called}'s box, first in frame 0; the force there is that of the box's edge"
+        ]
+
+
 @pytest.mark.parametrize(
     ("other", "more", "says"),
     [
