@@ -107,7 +107,9 @@ def _outline(seen: Observation, settings: ObserveSettings, proposed: np.ndarray 
     mask = np.asarray(seen.masks[0])
     rim = mask & (cv2.erode(mask.astype(np.uint8), np.ones((3, 3), np.uint8), borderValue=0) == 0)
     length = max(int(rim.sum()), 1)
+    within = "frame"
     if settings.box is not None and settings.mask is None:
+        within = "box and the frame"
         x0, y0, x1, y1 = settings.box
         rows, columns = np.nonzero(rim)
         on_box = (columns <= x0 + 1) | (columns >= x1 - 1) | (rows <= y0 + 1) | (rows >= y1 - 1)
@@ -141,7 +143,7 @@ def _outline(seen: Observation, settings: ObserveSettings, proposed: np.ndarray 
             "of the outline does not move with it.",
             "Look at it in the film. If it is wrong, correct it, or give that of frame 0 by --mask.",
         )  # fmt: skip
-    return Verdict("outline", 0.0, "It lies within the box and the frame.")
+    return Verdict("outline", 0.0, f"It lies within the {within}.")
 
 
 def _sight(seen: Observation) -> Verdict:

@@ -53,6 +53,8 @@ def swaying(seen: Observation) -> Observation:
 def test_a_good_clip_is_called_good(disc: Scene, disc_seen: Observation) -> None:
     found = judge(disc_seen, dataclasses.replace(GIVEN, box=tuple(np.add(disc.box, (-6, -6, 6, 6)))), propose_held(disc_seen))
     assert {one.item for one in found if one.severity > 0.0} <= {"blur"}
+    assert next(one for one in found if one.item == "outline").because == "It lies within the box and the frame."
+    assert verdict(disc_seen, "outline").because == "It lies within the frame.", "where no box was drawn"
 
 
 def test_the_worst_comes_first(disc_seen: Observation) -> None:
