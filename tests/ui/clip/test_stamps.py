@@ -202,8 +202,12 @@ def camera_in_strips(settings) -> bpy.types.NlaTrack:
             obj.location = (0.1 * frame, 0.0, 0.02 * frame)
             obj.keyframe_insert("location", frame=frame)
         data = obj.animation_data
-        data.nla_tracks.new().strips.new("Fly", 1, data.action)
+        strip = data.nla_tracks.new().strips.new("Fly", 1, data.action)
         data.action = None
+        strip.use_animated_influence = True
+        for frame in (1, 11):
+            strip.influence = 0.05 * frame
+            strip.keyframe_insert("influence", frame=frame)
     bpy.context.view_layer.update()
     return seen.animation_data.nla_tracks[0]
 
