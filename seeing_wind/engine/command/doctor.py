@@ -12,7 +12,7 @@ from typing import Any
 
 from ..errors import extra
 
-REQUIRED = ("numpy", "scipy", "torch", "opencv-python-headless", "safetensors", "trimesh", "matplotlib")
+REQUIRED = ("numpy", "scipy", "clarabel", "torch", "opencv-python-headless", "safetensors", "trimesh", "matplotlib")
 """Required packages, apart from the solver's compiler, which the check *solver* tries."""
 OPTIONAL = {"transformers": f"Optional perception models: {extra('models')}."}
 
