@@ -14,12 +14,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 
 import numpy as np
 from scipy.linalg import eigh
-from scipy.sparse import csr_matrix, identity
-from scipy.sparse.linalg import splu
 
 from ....conventions import frame_named
 from ....errors import ObjectError
@@ -27,31 +25,21 @@ from ....masks import Masks
 from ....progress import Journal, NoProgress, Progress
 from ....records import Measured
 from ..motion.lifting import Sight
+from .farthest import farthest
+from .frame import FrameSolver, Prior, random_signs
 from .mesh import SheetMesh
-from .template import CURVED, LEAST_CURVED, Template
+from .template import LOOSEST, Allowed
 from .view import OUTLIER, View
 
-HELD = 1e-3
-"""Standard deviation of a held vertex from its place, in units of the mean edge."""
-SWIFT = 60.0
-"""Standard deviation of the acceleration [m/s²] while only the motion before a frame is known: what a gale does to light cloth."""
-SLOWEST = 1.0
-"""Least standard deviation of the acceleration [m/s²] once it is estimated from the path."""
+SWIFT, SLOWEST = 60.0, 1.0
+"""Standard deviation of the acceleration [m/s²] while only the motion before a frame is known: what a gale does to light cloth; and the
+least that is estimated from the path."""
 SWEEPS = 2
-"""How often every frame is solved between its neighbours."""
-STEPS = 30
-"""Largest number of Gauss-Newton steps in a frame."""
-FAR, NARROWED = 0.99, 0.6
-"""Fraction of the tracks within the outlier threshold at a frame's start, and the factor by which it shrinks in each step, so that a corner
-which appears from behind a fold, far from its expected place, is pulled in (graduated non-convexity, Blake and Zisserman 1987)."""
-DAMPING = (1e-4, 1.0)
-"""Least and largest Levenberg damping, in units of the Hessian's mean diagonal."""
-SETTLED = 3e-3
-"""Relative decrease of the cost below which the steps end."""
+"""How often every frame is solved between its neighbours: first backwards, then forwards."""
 FEWEST = 8
-"""Least number of tracks on the sheet in frame 0."""
-PROBES = 24
-"""Number of random vectors that estimate the uncertainty."""
+"""Least number of tracks on the sheet in frame 0, and of points from which the farthest shape is found."""
+ELSEWHERE = 0.3
+"""Root mean square distance of another start [mean edge] from which it is tried."""
 LEARNT, CURVATURE = 8, 0.2
 """A new frame is solved at most LEARNT times, as long as the logarithm of its estimated curvature changes by more than CURVATURE."""
 MODES = 30
@@ -71,109 +59,68 @@ class Followed:
     """Per view, the places (K, 2) of its tracks on the sheet laid flat [m], NaN for tracks off the sheet."""
 
 
-@dataclass(frozen=True)
-class _Continued:
-    """The Gaussian prior that the motion gives a frame's vertices."""
-
-    x: np.ndarray
-    """(V, 3) mean [m]."""
-    precision: csr_matrix
-    """(3V, 3V) [1/m²]."""
-
-    def cost(self, x: np.ndarray) -> float:
-        """Negative log probability of vertices at x (V, 3) [m], up to a constant."""
-        off = (x - self.x).ravel()
-        return 0.5 * float(off @ (self.precision @ off))
-
-
 class Follower:
-    """Solves for a sheet's vertices, frame by frame, from what the cameras saw of it in T+1 frames."""
+    """Solves for a sheet's path, frame by frame, from what the cameras saw of it in T+1 frames."""
 
     def __init__(self, mesh: SheetMesh, views: Sequence[View], fps: float) -> None:
         self.mesh, self.views, self.fps = mesh, views, fps
-        self.template = Template(mesh)
-        self.curved = np.full(len(views[0].sight.xy), CURVED)
-        """(T+1,) standard deviation of the curvature in each frame, times the sheet's size."""
-        held = np.repeat(np.where(mesh.pinned, 1.0 / (HELD * mesh.spacing) ** 2, 0.0), 3)
-        self._held, self._identity = csr_matrix((held, (np.arange(held.size),) * 2)), identity(held.size, format="csr")
+        self.solver = FrameSolver(mesh, views)
 
-    def ahead(self, path: np.ndarray) -> _Continued:
+    def ahead(self, path: np.ndarray) -> Prior:
         """The prior of frame t from the path (t, V, 3) [m] before it."""
         straight = path[-1] if len(path) == 1 else 2.0 * path[-1] - path[-2]
-        return self._continued(len(path), straight, (self.fps**2 / SWIFT) ** 2)
+        return self.solver.prior(len(path), straight, (self.fps**2 / SWIFT) ** 2)
 
-    def begun(self, frame: int, path: np.ndarray) -> np.ndarray:
-        """Vertices (V, 3) [m] of a new frame, starting from the path (t, V, 3) before it; its curvature is learnt along with them."""
-        self.curved[frame] = self.curved[frame - 1]
-        motion = self.ahead(path)
-        x = motion.x
+    def begin(self, frame: int, path: np.ndarray) -> np.ndarray:
+        """Vertices (V, 3) [m] of a new frame, whose path before it is (t, V, 3): the best of the solutions that start from its straight
+        continuation and from the farthest shapes; what its shape is allowed is learnt along with it."""
+        motion, bends = self.ahead(path), self.solver.template.bends / LOOSEST.curvature**2
+        seen = [view for view in self.views if view.count(frame) >= FEWEST]
+        starts = [motion.x, *(farthest(self.mesh, view, frame, bends) for view in seen)]
+        x = self.solver.best(frame, starts, motion)
         for _ in range(LEARNT):
-            x = self.solved(frame, x, motion)
-            if abs(math.log(self.learn_curvature(frame, x, motion))) < CURVATURE:
+            if abs(math.log(self.solver.learn(frame, x, motion))) < CURVATURE:
                 break
             motion = self.ahead(path)
+            x = self.solver.solve(frame, x, motion)
         return x
 
-    def between(self, path: np.ndarray, frame: int, acceleration: float) -> _Continued:
-        """The prior of a frame from the others of the path (T+1, V, 3) [m]; acceleration: standard deviation of a component [m/s²]."""
-        last = len(path) - 1
-        total, weight = np.zeros_like(path[0]), 0.0
-        for middle in (frame - 1, frame, frame + 1):
-            if not 1 <= middle <= last - 1:
-                continue
-            own = -2.0 if middle == frame else 1.0
-            others = path[middle - 1] - 2.0 * path[middle] + path[middle + 1] - own * path[frame]
-            total, weight = total - own * others, weight + own**2
-        return self._continued(frame, total / weight, weight * (self.fps**2 / acceleration) ** 2)
+    def between(self, path: np.ndarray, frame: int, slowest: float = SLOWEST) -> Prior:
+        """The prior of a frame from the others of the path (T+1, V, 3) [m].
 
-    def _continued(self, frame: int, x: np.ndarray, precision: float) -> _Continued:
-        """The prior round x (V, 3) [m] with that precision [1/m²] of a coordinate, and round x's bends: unseen parts keep their shape."""
-        return _Continued(x, precision * self._identity + self.template.bends / self.curved[frame] ** 2)
-
-    def solved(self, frame: int, start: np.ndarray, motion: _Continued) -> np.ndarray:
-        """Vertices (V, 3) [m] of a frame that minimise the cost, from the start (V, 3)."""
-        x, damping, wide = start, 0.0, self._widest(frame, start)
-        for _ in range(STEPS):
-            scale, wide = max(wide, self._outlier(frame, x)), NARROWED * wide
-            cost = self._cost(frame, x, motion, scale)
-            hessian, gradient = self._linearised(frame, x, motion, scale)
-            size = float(hessian.diagonal().mean())
-            while True:
-                step = _solve(hessian + damping * size * self._identity, -gradient).reshape(-1, 3)
-                new = self._cost(frame, x + step, motion, scale)
-                if new <= cost:
-                    break
-                damping = max(10.0 * damping, DAMPING[0])
-                if damping > DAMPING[1]:
-                    return x
-            x, damping = x + step, 0.1 * damping if damping > DAMPING[0] else 0.0
-            if cost - new < SETTLED * cost and wide < scale:
-                break
-        return x
-
-    def learn_curvature(self, frame: int, x: np.ndarray, motion: _Continued) -> float:
-        """Set a frame's curvature from its solution x (V, 3) [m] and the uncertainty of that; return the new curvature over the old one.
-
-        If the curvature were left too large, noise would crumple the sheet, which then seems shorter, and so nearer to the camera. This is
-        a step of expectation maximisation: the mean square of the bends is that of the solution plus, estimated with random signs, that of
-        its uncertainty.
+        The standard deviation of the acceleration is that of the path round the frame: a frame that is wrong does not pull its neighbours
+        along, and where the sheet hardly moves, they tell its place closely. slowest: the least of it [m/s²].
         """
-        bends, before, signs = self.template.bends, self.curved[frame], _signs(frame, x.size)
-        hessian = self._linearised(frame, x, motion, self._outlier(frame, x))[0]
-        unknown = float(((bends @ signs) * _solve(hessian, signs)).sum()) / PROBES
-        square = (float(x.ravel() @ (bends @ x.ravel())) + unknown) / len(self.template.hinges)
-        self.curved[frame] = min(CURVED, max(LEAST_CURVED, math.sqrt(square)))
-        return float(self.curved[frame] / before)
+        total, weight, apart = np.zeros_like(path[0]), 0.0, []
+        for middle in range(max(1, frame - 1), min(frame + 1, len(path) - 2) + 1):
+            own = -2.0 if middle == frame else 1.0
+            second = path[middle - 1] - 2.0 * path[middle] + path[middle + 1]
+            total, weight = total - own * (second - own * path[frame]), weight + own**2
+            apart.append(float((second**2).mean()))
+        acceleration = min(SWIFT, max(slowest, math.sqrt(max(apart)) * self.fps**2))
+        return self.solver.prior(frame, total / weight, weight * (self.fps**2 / acceleration) ** 2)
 
-    def deviation(self, path: np.ndarray, frame: int, acceleration: float) -> np.ndarray:
+    def revise(self, frame: int, path: np.ndarray) -> np.ndarray:
+        """Vertices (V, 3) [m] of a frame of the path (T+1, V, 3), solved anew between its neighbours: also from where these say that it
+        is, if that is elsewhere; what its shape is allowed is learnt anew."""
+        motion, own, last = self.between(path, frame), path[frame], len(path) - 1
+        others = [motion.x]
+        others += [2.0 * path[frame - 1] - path[frame - 2]] if frame > 1 else []
+        others += [2.0 * path[frame + 1] - path[frame + 2]] if frame < last - 1 else []
+        new = [one for one in others if math.sqrt(float(((one - own) ** 2).sum(axis=1).mean())) > ELSEWHERE * self.mesh.spacing]
+        x = self.solver.best(frame, [own, *new], motion)
+        self.solver.learn(frame, x, motion)
+        return x
+
+    def deviation(self, path: np.ndarray, frame: int) -> np.ndarray:
         """Posterior standard deviation (V,) of the vertices' coordinates [m] in a frame of a path (T+1, V, 3) [m].
 
         The diagonal of the inverse Hessian is estimated with random signs (Bekas et al., Appl. Numer. Math. 57, 2007), and averaged over
         the faces round a vertex.
         """
-        hessian = self._linearised(frame, path[frame], self.between(path, frame, acceleration), OUTLIER)[0]
-        signs = _signs(frame, path[0].size)
-        variance = (_solve(hessian, signs) * signs).mean(axis=1).reshape(-1, 3).mean(axis=1)
+        hessian = self.solver.linearise(frame, path[frame], self.between(path, frame), OUTLIER)[0]
+        signs = random_signs(frame, path[0].size)
+        variance = (self.solver.solve_linear(hessian, signs) * signs).mean(axis=1).reshape(-1, 3).mean(axis=1)
         faces = self.mesh.faces
         around = np.bincount(faces.ravel(), np.repeat(variance[faces].sum(axis=1), 3)) / (3.0 * np.bincount(faces.ravel()))
         return np.sqrt(np.maximum(around, 0.0))
@@ -185,39 +132,16 @@ class Follower:
         share such an error, and the acceleration that it implies would be taken for a gust.
         """
         areas, count = self.mesh.areas(), min(MODES, len(self.mesh.x))
-        modes = eigh(self.template.bends[::3, ::3].toarray(), np.diag(areas), subset_by_index=(0, count - 1))[1]
+        modes = eigh(self.solver.template.bends[::3, ::3].toarray(), np.diag(areas), subset_by_index=(0, count - 1))[1]
         onto = np.kron(areas[:, None] * modes, np.eye(3))
         x, covariance = path.copy(), np.zeros((len(path), *(count, 3) * 2))
         for frame in range(1, len(path)):
-            loose, scale = self.between(path, frame, SWIFT), self._outlier(frame, path[frame])
-            hessian, gradient = self._linearised(frame, path[frame], loose, scale)
-            solved = _solve(hessian, np.column_stack([onto, -gradient]))
+            loose, scale = self.between(path, frame, SWIFT), self.solver.outlier(frame, path[frame])
+            hessian, gradient = self.solver.linearise(frame, path[frame], loose, scale)
+            solved = self.solver.solve_linear(hessian, np.column_stack([onto, -gradient]))
             x[frame] += solved[:, -1].reshape(-1, 3)
             covariance[frame] = (onto.T @ solved[:, :-1]).reshape(covariance.shape[1:])
         return Measured(x, modes, covariance)
-
-    def _cost(self, frame: int, x: np.ndarray, motion: _Continued, scale: float) -> float:
-        held = 0.5 * float(((x - self.mesh.x).ravel() ** 2 * self._held.diagonal()).sum())
-        return sum(view.cost(frame, x, scale) for view in self.views) + self.template.cost(x, self.curved[frame]) + motion.cost(x) + held
-
-    def _outlier(self, frame: int, x: np.ndarray) -> float:
-        """The residual from which a track is an outlier [standard deviations]."""
-        missed = np.concatenate([view.missed(frame, x) for view in self.views])
-        return max(OUTLIER, 2.0 * float(np.median(missed)) if missed.size else 0.0)
-
-    def _widest(self, frame: int, x: np.ndarray) -> float:
-        """The same at a start, where the sheet is not yet in its place and many residuals may be large: hardly any track is an outlier."""
-        missed = np.concatenate([view.missed(frame, x) for view in self.views])
-        return float(np.quantile(missed, FAR)) if missed.size else OUTLIER
-
-    def _linearised(self, frame: int, x: np.ndarray, motion: _Continued, scale: float) -> tuple[csr_matrix, np.ndarray]:
-        """Gauss-Newton Hessian (3V, 3V) and gradient (3V,) of the cost."""
-        hessian, gradient = self.template.linearise(x, self.curved[frame])
-        hessian, gradient = hessian + self._held, gradient + self._held @ (x - self.mesh.x).ravel()
-        for view in self.views:
-            own, slope = view.linearise(frame, x, scale)
-            hessian, gradient = hessian + own, gradient + slope
-        return hessian + motion.precision, gradient + motion.precision @ (x - motion.x).ravel()
 
 
 def follow(
@@ -242,35 +166,29 @@ def follow(
     for view in views:
         view.place(0, mesh.x)
     _require_tracks(views)
-    path, acceleration = np.repeat(mesh.x[None], frames, axis=0), SWIFT
+    path = np.repeat(mesh.x[None], frames, axis=0)
     loop = journal.loop("sheet")
     done, kept = loop.resume()
     if done:
-        path, acceleration, follower.curved = kept["path"], float(kept["acceleration"]), kept["curved"]
+        path, follower.solver.allowed = kept["path"], [Allowed(*map(float, one)) for one in kept["allowed"]]
         for number, view in enumerate(views):
             view.put(kept[f"places {number}"])
 
     def state() -> dict[str, np.ndarray]:
         places = {f"places {number}": view.places for number, view in enumerate(views)}
-        return {"path": path, "acceleration": np.array(acceleration), "curved": follower.curved, **places}
+        return {"path": path, "allowed": np.array([astuple(one) for one in follower.solver.allowed]), **places}
 
-    steps = [(sweep, t) for sweep in range(SWEEPS + 1) for t in range(1, frames)]
+    order = list(range(1, frames))
+    steps = [(0, t) for t in order] + [(sweep, t) for sweep in range(1, SWEEPS + 1) for t in order[:: (-1) ** sweep]]
     for number, (sweep, t) in enumerate(steps[done:], start=done + 1):
         progress.update(number / len(steps), f"following the sheet, frame {t}" if sweep == 0 else f"frame {t} between its neighbours")
-        if sweep == 0:
-            path[t] = follower.begun(t, path[:t])
-            for view in views:
-                view.place(t, path[t])
-        else:
-            if t == 1:
-                acceleration = max(SLOWEST, _acceleration(path, fps))
-            motion = follower.between(path, t, acceleration)
-            path[t] = follower.solved(t, path[t], motion)
-            follower.learn_curvature(t, path[t], motion)
+        path[t] = follower.begin(t, path[:t]) if sweep == 0 else follower.revise(t, path)
         if not np.isfinite(path[t]).all():
             raise ObjectError(f"The sheet is lost in {frame_named(t)}.", "Check mask and depth of frame 0, or use --form solid.")
+        for view in views:
+            view.place(t, path[t])
         loop.reached(number, state)
-    deviation = [follower.deviation(path, t, acceleration) for t in range(1, frames)]
+    deviation = [follower.deviation(path, t) for t in range(1, frames)]
     return Followed(path, np.stack([deviation[0], *deviation]), follower.measured(path), [view.places for view in views])
 
 
@@ -282,19 +200,3 @@ def _require_tracks(views: Sequence[View]) -> None:
             "A sheet needs texture: a print, a weave, seams. Begin where it shows its face and not its edge, give --tracks of your own, or "
             "recover it with --form solid.",
         )
-
-
-def _acceleration(path: np.ndarray, fps: float) -> float:
-    """Root mean square of the components of a path's (T+1, V, 3) acceleration [m/s²], from second differences."""
-    return float(np.sqrt((np.diff(path, 2, axis=0) ** 2).mean())) * fps**2
-
-
-def _signs(frame: int, size: int) -> np.ndarray:
-    """(size, PROBES) random signs, always the same for a frame."""
-    return np.random.default_rng(frame).choice([-1.0, 1.0], (size, PROBES))
-
-
-def _solve(matrix: csr_matrix, right: np.ndarray) -> np.ndarray:
-    """The solution of a symmetric positive definite system."""
-    factor = splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
-    return factor.solve(right)

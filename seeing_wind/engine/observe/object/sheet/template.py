@@ -6,6 +6,7 @@ Both enter as squared errors in units of their standard deviations. The bend bet
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -13,11 +14,30 @@ from scipy.sparse import coo_matrix, csr_matrix, kron
 
 from .mesh import SheetMesh, edges_of
 
-STRAIN = 0.003
-"""Standard deviation of an edge's strain: threads hardly stretch. Along the bias, cloth stretches more."""
-CURVED, LEAST_CURVED = 15.0, 0.3
-"""Standard deviation of the curvature, times the sheet's size (the root of its area): CURVED is assumed at first and allows a handful of
-folds; LEAST_CURVED is the least that is estimated, as no sheet is a plane."""
+STRETCHED = 0.003
+"""Standard deviation of the strain of an edge that is longer than in frame 0: threads hardly stretch. Along the bias, cloth does more."""
+FOLDED = 2.0
+"""Shortening [standard deviations] from which an edge costs less and less (Cauchy), as a fold within it may shorten it by any amount."""
+
+
+@dataclass(frozen=True)
+class Allowed:
+    """Standard deviations of a sheet's shape in one frame."""
+
+    curvature: float
+    """Of the curvature, times the sheet's size (the root of its area)."""
+    shortening: float
+    """Of the strain of an edge that is shorter than in frame 0: an edge is a chord, and wrinkles finer than the mesh shorten it."""
+
+    def within(self, least: Allowed, most: Allowed) -> Allowed:
+        """The nearest that lies between two others."""
+        return Allowed(
+            min(most.curvature, max(least.curvature, self.curvature)), min(most.shortening, max(least.shortening, self.shortening))
+        )
+
+
+LOOSEST, TIGHTEST = Allowed(15.0, 0.02), Allowed(0.3, STRETCHED)
+"""What is assumed at first, which allows a handful of folds; and the least that is estimated, as no sheet is a plane."""
 
 
 class Template:
@@ -31,26 +51,37 @@ class Template:
         columns = (3 * self.edges[:, :, None] + np.arange(3)).reshape(len(self.edges), 6)
         self._where = (np.repeat(columns, 6, axis=1).ravel(), np.tile(columns, 6).ravel())
 
-    def cost(self, x: np.ndarray, curved: float) -> float:
-        """Half the sum of squares for vertices at x (V, 3) [m]; curved: standard deviation of the curvature, times the sheet's size."""
-        return 0.5 * float((self._strains(x)[0] ** 2).sum() + x.ravel() @ (self.bends @ x.ravel()) / curved**2)
+    def cost(self, x: np.ndarray, allowed: Allowed) -> float:
+        """Half the sum of squares for vertices at x (V, 3) [m]."""
+        strain = self._strains(x, allowed)[0]
+        more, less = np.maximum(strain, 0.0), np.minimum(strain, 0.0)
+        strains = float((more**2 + FOLDED**2 * np.log1p((less / FOLDED) ** 2)).sum())
+        return 0.5 * (strains + float(x.ravel() @ (self.bends @ x.ravel())) / allowed.curvature**2)
 
-    def linearise(self, x: np.ndarray, curved: float) -> tuple[csr_matrix, np.ndarray]:
-        """Gauss-Newton Hessian (3V, 3V) and gradient (3V,) for vertices at x (V, 3) [m]; curved as in `cost`."""
-        strain, slope = self._strains(x)
-        blocks = slope[:, :, None] * slope[:, None, :]
+    def linearise(self, x: np.ndarray, allowed: Allowed) -> tuple[csr_matrix, np.ndarray]:
+        """Gauss-Newton Hessian (3V, 3V) and gradient (3V,) for vertices at x (V, 3) [m]."""
+        strain, slope = self._strains(x, allowed)
+        weight = 1.0 / (1.0 + (np.minimum(strain, 0.0) / FOLDED) ** 2)
+        blocks = weight[:, None, None] * slope[:, :, None] * slope[:, None, :]
         gradient = np.zeros(x.size)
-        np.add.at(gradient, self._where[0].reshape(-1, 6, 6)[:, :, 0].ravel(), (strain[:, None] * slope).ravel())
+        np.add.at(gradient, self._where[0].reshape(-1, 6, 6)[:, :, 0].ravel(), ((weight * strain)[:, None] * slope).ravel())
         stretch = coo_matrix((blocks.ravel(), self._where), (x.size, x.size)).tocsr()
-        bending = self.bends / curved**2
+        bending = self.bends / allowed.curvature**2
         return stretch + bending, gradient + bending @ x.ravel()
 
-    def _strains(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def shortening(self, x: np.ndarray) -> float:
+        """Standard deviation of the shortening of edges with vertices at x (V, 3) [m], from its median: a few folds do not count."""
+        strain = np.linalg.norm(x[self.edges[:, 0]] - x[self.edges[:, 1]], axis=1) / self._lengths - 1.0
+        shorter = strain[strain < 0.0]
+        return 1.4826 * float(np.median(-shorter)) if shorter.size else 0.0
+
+    def _strains(self, x: np.ndarray, allowed: Allowed) -> tuple[np.ndarray, np.ndarray]:
         """Strains (E,) of the edges in standard deviations, and their derivatives (E, 6) by the two ends of each edge."""
         apart = x[self.edges[:, 0]] - x[self.edges[:, 1]]
         length = np.linalg.norm(apart, axis=1)
-        slope = apart / (length * self._lengths * STRAIN)[:, None]
-        return (length / self._lengths - 1.0) / STRAIN, np.hstack([slope, -slope])
+        sigma = np.where(length > self._lengths, STRETCHED, allowed.shortening)
+        slope = apart / (length * self._lengths * sigma)[:, None]
+        return (length / self._lengths - 1.0) / sigma, np.hstack([slope, -slope])
 
     @cached_property
     def bends(self) -> csr_matrix:

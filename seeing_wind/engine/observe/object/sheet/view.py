@@ -70,6 +70,7 @@ class View:
         self._ride = csr_matrix((len(self.places), len(mesh.x)))
         self._recognised = _Recognised.of(mesh, sight)
         self._outside: tuple[int, np.ndarray] = (-1, np.zeros((1, 1)))
+        self._points: tuple[int, tuple[csr_matrix, np.ndarray, np.ndarray]] | None = None
 
     def place(self, frame: int, x: np.ndarray) -> None:
         """Place the tracks that are first visible in this frame on the sheet, whose vertices are at x (V, 3) [m]."""
@@ -82,7 +83,32 @@ class View:
 
     def put(self, places: np.ndarray) -> None:
         """Set the tracks' places (K, 2) on the sheet laid flat [m]."""
-        self._ride, self.places = _ride(self._mesh, places), places
+        self._ride, self.places, self._points = _ride(self._mesh, places), places, None
+
+    def points(self, frame: int) -> tuple[csr_matrix, np.ndarray, np.ndarray]:
+        """The tracks and recognised points that are visible in a frame: a matrix (M, V) from the vertices to them, where they are seen
+        (M, 2) [px], and the standard deviation of that (M,) [px]. The last frame's are cached."""
+        if self._points is None or self._points[0] != frame:
+            self._points = (frame, self._points_of(frame))
+        return self._points[1]
+
+    def _points_of(self, frame: int) -> tuple[csr_matrix, np.ndarray, np.ndarray]:
+        one = self.sight
+        seen = np.flatnonzero(one.visible[frame] & np.isfinite(self.places[:, 0]) & np.isfinite(one.xy[frame]).all(axis=1))
+        sigma = np.hypot(np.maximum(one.sigma[frame, seen], FINEST), np.where(one.visible[0, seen], 0.0, TIED))
+        again = self._recognised.of_frame(frame)
+        ride = vstack([self._ride[seen], self._recognised.ride[again]]).tocsr()
+        xy = np.concatenate([one.xy[frame, seen], self._recognised.xy[again]])
+        return ride, xy, np.concatenate([sigma, np.full(len(xy) - len(sigma), RECOGNISED)])
+
+    def count(self, frame: int) -> int:
+        """How many points are visible in a frame."""
+        return len(self.points(frame)[1])
+
+    def rays(self, frame: int, xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The camera's centre (3,) [m] and the rays (M, 3), of unit depth, through the pixels xy (M, 2) of a frame."""
+        centre = self.sight.camera.pose(frame)[:3, 3]
+        return centre, self.sight.camera.unproject(xy, np.ones(len(xy)), frame) - centre
 
     def missed(self, frame: int, x: np.ndarray) -> np.ndarray:
         """Residuals (M,) of the tracks and recognised points that are visible in the frame [standard deviations]."""
@@ -109,16 +135,10 @@ class View:
     def _tracks(self, frame: int, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, csr_matrix]:
         """Residuals of the M points used in a frame [standard deviations]: their lengths (M,), their x and y (2M,), and the derivative of
         these by the vertices (2M, 3V)."""
-        one = self.sight
-        seen = np.flatnonzero(one.visible[frame] & np.isfinite(self.places[:, 0]) & np.isfinite(one.xy[frame]).all(axis=1))
-        sigma = np.hypot(np.maximum(one.sigma[frame, seen], FINEST), np.where(one.visible[0, seen], 0.0, TIED))
-        again = self._recognised.of_frame(frame)
-        ride = vstack([self._ride[seen], self._recognised.ride[again]]).tocsr()
-        xy = np.concatenate([one.xy[frame, seen], self._recognised.xy[again]])
-        sigma = np.concatenate([sigma, np.full(len(xy) - len(sigma), RECOGNISED)])
+        ride, xy, sigma = self.points(frame)
         points = ride @ x
-        off = (one.camera.project(points, frame)[0] - xy) / sigma[:, None]
-        slope = one.camera.projection_jacobian(points, frame) / sigma[:, None, None]
+        off = (self.sight.camera.project(points, frame)[0] - xy) / sigma[:, None]
+        slope = self.sight.camera.projection_jacobian(points, frame) / sigma[:, None, None]
         return np.linalg.norm(off, axis=1), off.ravel(), _spread(ride, slope)
 
     def _beyond(self, frame: int, x: np.ndarray) -> tuple[np.ndarray, csr_matrix]:
@@ -208,8 +228,8 @@ def _ride(mesh: SheetMesh, places: np.ndarray) -> csr_matrix:
 
 def _spread(ride: csr_matrix, slope: np.ndarray) -> csr_matrix:
     """Derivative (2M, 3V) of M pixels by the vertices, from `ride` (M, V) and the projection's `slope` (M, 2, 3)."""
-    entries = ride.tocoo()
-    values = entries.data[:, None, None] * slope[entries.row]
-    rows = 2 * entries.row[:, None, None] + np.arange(2)[:, None] + np.zeros(3, int)
-    columns = 3 * entries.col[:, None, None] + np.zeros((2, 1), int) + np.arange(3)
-    return csr_matrix((values.ravel(), (rows.ravel(), columns.ravel())), (2 * ride.shape[0], 3 * ride.shape[1]))
+    twice = ride.tocsr()[np.repeat(np.arange(ride.shape[0]), 2)]
+    row = np.repeat(np.arange(twice.shape[0]), np.diff(twice.indptr))
+    values = twice.data[:, None] * slope.reshape(-1, 3)[row]
+    columns = 3 * twice.indices[:, None] + np.arange(3)
+    return csr_matrix((values.ravel(), columns.ravel(), 3 * twice.indptr), (twice.shape[0], 3 * twice.shape[1]))
