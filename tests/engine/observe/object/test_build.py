@@ -25,8 +25,8 @@ def test_plate_to_body(plate) -> None:
     assert (body.material.name, body.material.density) == ("cotton", 300.0)
     seen = body.keypoints.follow(body.particles.x)
     assert plate.camera.project(seen)[0] == pytest.approx(plate.xy[0], abs=0.05)
-    # Nothing moves in this clip.
-    assert np.abs(body.lifted - body.lifted[0]).max() < 1e-3
+    # Nothing moves in this clip, whose pixels are 11 mm.
+    assert np.abs(body.lifted - body.lifted[0]).max() < 2e-3
     assert body.lifted[0] == pytest.approx(seen, abs=1e-3)
     fractions = [message["fraction"] for message in messages if message["type"] == "progress"]
     assert fractions == sorted(fractions) and fractions[-1] == 1.0
