@@ -216,6 +216,12 @@ def test_transposed_tracks_are_told_as_such(disc: Scene, tmp_path: Path, count: 
     assert "xy (T+1, K, 2)" in caught.value.hint and ("cut it to 13 rows" in caught.value.hint) == (count == 30)
 
 
+def test_tracks_with_too_few_rows_are_not_called_transposed(disc: Scene, tmp_path: Path) -> None:
+    np.savez(tmp_path / "tracks.npz", xy=np.tile(disc.centers[0], (9, 40, 1)), visible=np.ones((9, 40), bool))
+    with pytest.raises(UsageError, match="have 9 rows, the clip 13 frames"):
+        observe(disc.path, ObserveSettings(box=disc.box, distance=1.0, tracks=str(tmp_path / "tracks.npz")), NoProgress())
+
+
 def test_a_confidence_is_not_taken_for_a_visibility(disc: Scene, tmp_path: Path) -> None:
     xy, settings = np.tile(disc.centers[0], (13, 4, 1)), ObserveSettings(box=disc.box, distance=1.0, tracks=str(tmp_path / "tracks.npz"))
     for value in (0.25, np.nan, 255):

@@ -73,7 +73,7 @@ def checked_tracks(
     sigma, skipped = np.broadcast_to(sigma, visible.shape), 0
     if len(xy) != frames:
         needed = first_frame + frames
-        if (beyond is not None and xy.shape[1] == frames) or len(xy) < needed <= xy.shape[1]:
+        if (beyond is not None and xy.shape[1] == frames) or (len(xy) < needed and xy.shape[1] in (frames, needed)):
             more = f" If its rows are frames, cut it to {frames} rows." if len(xy) > needed else ""
             said = f"The tracks {path} look transposed: xy is {xy.shape}, with a row for each track in place of each frame."
             raise UsageError(said, SHAPES + more)
