@@ -224,7 +224,7 @@ def test_a_blank_path_is_not_the_current_folder(words: list[str]) -> None:
 
 def test_doctor_says_that_the_solver_runs() -> None:
     result = in_a_process_of_its_own("doctor", expect=0)[-1]
-    assert {"solver", "torch", "video codec"} <= {check["name"] for check in result["checks"] if check["ok"]}
+    assert {"solver", "torch", "clarabel", "video codec"} <= {check["name"] for check in result["checks"] if check["ok"]}
 
 
 @pytest.mark.skipif(os.name == "nt", reason="SIGINT cannot be sent to another process on Windows")

@@ -12,7 +12,7 @@ from typing import Any
 
 from ..errors import extra
 
-REQUIRED = ("numpy", "scipy", "clarabel", "torch", "opencv-python-headless", "safetensors", "trimesh", "matplotlib")
+REQUIRED = ("numpy", "scipy", "torch", "opencv-python-headless", "safetensors", "trimesh", "matplotlib")
 """Required packages, apart from the solver's compiler, which the check *solver* tries."""
 OPTIONAL = {"transformers": f"Optional perception models: {extra('models')}."}
 
@@ -29,7 +29,7 @@ def examine() -> list[dict[str, Any]]:
     checks += [_package(name, "Run Install Engine, or `make setup`.") for name in REQUIRED]
     checks += [{**_package(name, advice), "optional": True} for name, advice in OPTIONAL.items()]
     checks += optional_models()
-    for name, check in (("solver", _solver), ("torch", _torch), ("video codec", _codec)):
+    for name, check in (("solver", _solver), ("torch", _torch), ("clarabel", _clarabel), ("video codec", _codec)):
         checks.append(_attempt(name, check))
     return checks
 
@@ -64,6 +64,12 @@ def _attempt(name: str, check: Callable[[], str]) -> dict[str, Any]:
         return {"name": name, "ok": True, "detail": check()}
     except Exception as error:  # whatever fails is the result of the check
         return {"name": name, "ok": False, "detail": f"{type(error).__name__}: {error}", "advice": "Run Install Engine again."}
+
+
+def _clarabel() -> str:
+    import clarabel
+
+    return str(clarabel.__version__)
 
 
 def _solver() -> str:
