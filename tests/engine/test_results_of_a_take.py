@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -83,6 +84,17 @@ def test_a_useless_field_is_told_and_used_all_the_same(engine, windy: Path, tmp_
             messages = engine(*verb, expect=0)
             said = [one["message"] for one in messages if one["type"] == "warning"]
             assert [one for one in said if DISTRUST in one or "draft" in one] == told
+
+
+def test_a_useless_further_field_is_told(engine, windy: Path, tmp_path: Path) -> None:
+    other, bad = tmp_path / "other.take", f"{DISTRUST}: 48 pixels off."
+    shutil.copytree(windy, other, ignore=lambda *_: [other.name])
+    Take(other).write_arrays("trajectory.npz", {"notes": np.array(json.dumps([bad]))})
+    fields = 2 * '[[further_field]]\nfile = "other.take/field.safetensors"\n'  # told once
+    (tmp_path / "edit.toml").write_text(f'[[body]]\nname = "flag"\nmesh = "flag.obj"\nmaterial = "cotton"\n{fields}')
+    (tmp_path / "flag.obj").write_text("v 0 0 0\nv 0.1 0 0\nv 0 0.1 0\nv 0.1 0.1 0\nf 1 2 4 3\n")
+    messages = engine("resimulate", windy, "--edit", tmp_path / "edit.toml", "--take", tmp_path / "r.take", expect=0)
+    assert [one["message"] for one in messages if one["type"] == "warning" and DISTRUST in one["message"]] == [bad]
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="Windows has no such pipes")

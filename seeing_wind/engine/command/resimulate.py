@@ -45,7 +45,9 @@ def resimulate(arguments: argparse.Namespace, progress: Progress) -> dict[str, A
         recovered = (read_body(source), read_recovery(source))
     others = [Path(arguments.edit).parent / one.file for one in edit.further_field]
     stamp = stamp_of(Path(arguments.edit), source.file(FIELD if field.kind == "wind" else "field.safetensors"), *others)
-    warn_of_field(source, progress)
+    takes = {source.path.resolve(): source.path} | {one.resolve().parent: one.parent for one in others}
+    for path in takes.values():
+        warn_of_field(Take(path), progress)
     holding = held(out, arguments.verb, progress, inputs_of_edit(Path(arguments.edit)), made_of(edit))
     with holding, TakeJournal(out, stamp, progress) as journal:
         progress.begin("resimulate", "simulating")

@@ -62,6 +62,9 @@ def read_edit(path: str | os.PathLike[str]) -> Edit:
     _check_meshes([body.mesh for body in bodies if body.mesh != "recovered"] + [wall.mesh for wall in colliders if wall.mesh], path)
     others = tables_of(values, "further_field", where, "Write [[further_field]] with a file.", least=0)
     fields = tuple(from_mapping(FieldEdit, table, f"{path}, further_field {i + 1}") for i, table in enumerate(others))
+    names = [one.name for one in fields if one.name is not None]
+    if len(set(names)) < len(names):
+        raise UsageError(f"Two further fields of {path} are named {max(names, key=names.count)}.", "Give each its own name.")
     return from_mapping(Edit, {**values, "body": bodies, "collider": colliders, "further_field": fields}, str(path))
 
 

@@ -138,3 +138,10 @@ def test_an_edit_names_its_further_fields(tmp_path):
     path.write_text('[[body]]\nname = "a"\nmesh = "a.obj"\n[[further_field]]\nfile = "b.take/wind.safetensors"\nplace = "b.npy"\n')
     assert read_edit(path).further_field == (FieldEdit("b.take/wind.safetensors", place="b.npy"),)
     assert set(names_in(path)) == {"a.obj", "b.take/wind.safetensors", "b.npy"}
+
+
+def test_two_further_fields_of_one_name_are_refused(tmp_path):
+    path, field_of = tmp_path / "edit.toml", '[[further_field]]\nfile = "{}"\nname = "Breeze"\n'.format
+    path.write_text('[[body]]\nname = "a"\nmesh = "a.obj"\n' + field_of("b.safetensors") + field_of("c.safetensors"))
+    with pytest.raises(UsageError, match=r"Two further fields of .* are named Breeze\."):
+        read_edit(path)
