@@ -86,6 +86,15 @@ def test_a_useless_field_is_told_and_used_all_the_same(engine, windy: Path, tmp_
             assert [one for one in said if DISTRUST in one or "draft" in one] == told
 
 
+def test_a_further_field_that_is_none_is_refused_before_a_batch(engine, windy: Path, tmp_path: Path) -> None:
+    (tmp_path / "flag.obj").write_text("v 0 0 0\nv 0.1 0 0\nv 0 0.1 0\nv 0.1 0.1 0\nf 1 2 4 3\n")
+    body = '[[body]]\nname = "flag"\nmesh = "flag.obj"\nmaterial = "cotton"\n'
+    (tmp_path / "edit.toml").write_text(body + '[[further_field]]\nfile = "flag.obj"\n')
+    (tmp_path / "jobs.toml").write_text(f'[[job]]\nname = "a"\ntake = "{windy.name}"\nedit = "edit.toml"\n')
+    said = engine("batch", tmp_path / "jobs.toml", "--check", expect=2)[-2]
+    assert "flag.obj cannot be read as a field" in said["message"] and "field.safetensors or wind.safetensors" in said["hint"]
+
+
 def test_a_useless_further_field_is_told(engine, windy: Path, tmp_path: Path) -> None:
     other, bad = tmp_path / "other.take", f"{DISTRUST}: 48 pixels off."
     shutil.copytree(windy, other, ignore=lambda *_: [other.name])

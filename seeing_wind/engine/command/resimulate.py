@@ -80,9 +80,17 @@ def check_resimulation(arguments: argparse.Namespace, progress: Progress, later:
         UsageError, WrongTake: as `require_take` and `check_edit`.
     """
     progress.check()
-    if Path(arguments.source) not in later:
-        require_take(arguments.source)
-    check_edit(arguments, later)
+    edit, folder = check_edit(arguments, later), Path(arguments.edit).parent
+    if Path(arguments.source) in later:
+        return
+    source = require_take(arguments.source)
+    others = [Path(os.path.abspath(folder / one.file)) for one in edit.further_field]
+    if others and not any(made in other.parents for made in later for other in others):
+        from ..field import load_field
+        from ..recovery.resimulate.in_field import fields_of  # imports the solver
+        from ..recovery.wind.stage import read_wind
+
+        fields_of(edit, _mover(edit, load_field(source.file("field.safetensors")), read_wind(source)), folder)
 
 
 def check_edit(arguments: argparse.Namespace, later: Collection[Path] = ()) -> Edit:

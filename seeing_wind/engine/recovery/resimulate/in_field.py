@@ -16,7 +16,7 @@ from typing import Any, Self
 import numpy as np
 
 from ...conventions import frame_named
-from ...errors import UsageError
+from ...errors import UsageError, WrongTake
 from ...field.force_field import ForceField
 from ...field.storage import load_field
 from ...mpm.lattice.colliders import Collider
@@ -249,11 +249,12 @@ def fields_of(edit: Edit, field: ForceField, folder: Path) -> list[Blowing]:
     """The take's field and the further ones of an edit whose paths are relative to `folder`, as they stand there.
 
     Raises:
-        UsageError: for a further field of another frame rate, or with fewer frames; as `strengths`, `read_place`, `Reach.of`, `load_field`.
+        UsageError: for a further field of another frame rate, or with fewer frames; or a file that is none; as `strengths`,
+            `read_place`, `Reach.of`.
     """
     whole, found = FieldEdit("", None, edit.field_strength, edit.field_place, edit.fade, edit.falloff), []
     for one in (whole, *edit.further_field):
-        blown = field if one is whole else load_field(folder / one.file)
+        blown = field if one is whole else _further(folder / one.file)
         if blown.frames < field.frames or abs(blown.fps / field.fps - 1.0) > ALIKE:
             has, asked = (f"{each.frames} frames, {each.fps:g} a second" for each in (blown, field))
             needs = "A further field needs the same frame rate, and at least as many frames."
@@ -262,6 +263,13 @@ def fields_of(edit: Edit, field: ForceField, folder: Path) -> list[Blowing]:
         strength = strengths(one.strength, blown.frames, one.file)
         found.append(Blowing(blown, strength, place, Reach.of(one), edit.preroll, one.name or one.file))
     return found
+
+
+def _further(path: Path) -> ForceField:
+    try:
+        return load_field(path)
+    except WrongTake as error:
+        raise UsageError(error.message, "A further field is field.safetensors or wind.safetensors of a take.") from error
 
 
 def strengths(strength: float | tuple[float, ...], frames: int, file: str = "") -> np.ndarray:
