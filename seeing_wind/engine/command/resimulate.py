@@ -43,7 +43,7 @@ def resimulate(arguments: argparse.Namespace, progress: Progress) -> dict[str, A
             hint = lost if of_clip else "It came from trajectories: insert a mesh"
             raise UsageError(f"{source.path} has no recovered object.", f'{hint} instead of "recovered".')
         recovered = (read_body(source), read_recovery(source))
-    others = [Path(arguments.edit).parent / one.file for one in edit.further_field]
+    others = _further_files(arguments, edit)
     stamp = stamp_of(Path(arguments.edit), source.file(FIELD if field.kind == "wind" else "field.safetensors"), *others)
     takes = {source.path.resolve(): source.path} | {one.resolve().parent: one.parent for one in others}
     for path in takes.values():
@@ -80,17 +80,17 @@ def check_resimulation(arguments: argparse.Namespace, progress: Progress, later:
         UsageError, WrongTake: as `require_take` and `check_edit`.
     """
     progress.check()
-    edit, folder = check_edit(arguments, later), Path(arguments.edit).parent
+    edit = check_edit(arguments, later)
     if Path(arguments.source) in later:
         return
     source = require_take(arguments.source)
-    others = [Path(os.path.abspath(folder / one.file)) for one in edit.further_field]
-    if others and not any(made in other.parents for made in later for other in others):
+    others = _further_files(arguments, edit)
+    if others and not any(made in Path(os.path.abspath(one)).parents for made in later for one in others):
         from ..field import load_field
         from ..recovery.resimulate.in_field import fields_of  # imports the solver
         from ..recovery.wind.stage import read_wind
 
-        fields_of(edit, _mover(edit, load_field(source.file("field.safetensors")), read_wind(source)), folder)
+        fields_of(edit, _mover(edit, load_field(source.file("field.safetensors")), read_wind(source)), Path(arguments.edit).parent)
 
 
 def check_edit(arguments: argparse.Namespace, later: Collection[Path] = ()) -> Edit:
@@ -111,6 +111,11 @@ def check_edit(arguments: argparse.Namespace, later: Collection[Path] = ()) -> E
         if not file.is_file() and not any(folder in whole.parents for folder in later):
             raise UsageError(f"There is no file {called}.", "Correct the path; it is relative to the edit.")
     return edit
+
+
+def _further_files(arguments: argparse.Namespace, edit: Edit) -> list[Path]:
+    """The files of an edit's further fields, whose paths are relative to the edit."""
+    return [Path(arguments.edit).parent / one.file for one in edit.further_field]
 
 
 def _mover(edit: Edit, force: ForceField, wind: ForceField | None) -> ForceField:

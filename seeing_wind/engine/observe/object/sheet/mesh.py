@@ -37,6 +37,11 @@ class SheetMesh:
         a, b = edges_of(self.faces).T
         return float(np.linalg.norm(self.x[a] - self.x[b], axis=1).mean())
 
+    @property
+    def size(self) -> float:
+        """The root of its area [m]."""
+        return float(np.sqrt(self.areas().sum()))
+
     def areas(self) -> np.ndarray:
         """(V,) area of each vertex [m²], a third of the faces round it."""
         a, b, c = self.x[self.faces].swapaxes(0, 1)

@@ -44,10 +44,10 @@ class Template:
     """The shape of a mesh that keeps its lengths."""
 
     def __init__(self, mesh: SheetMesh) -> None:
-        self.rest, self.faces = mesh.x, mesh.faces
+        self.rest = mesh.x
         self.edges, self.hinges = edges_of(mesh.faces), hinges_of(mesh.faces)
         self._lengths = np.linalg.norm(self.rest[self.edges[:, 0]] - self.rest[self.edges[:, 1]], axis=1)
-        self._size = float(np.sqrt(mesh.areas().sum()))
+        self._size = mesh.size
         columns = (3 * self.edges[:, :, None] + np.arange(3)).reshape(len(self.edges), 6)
         self._where = (np.repeat(columns, 6, axis=1).ravel(), np.tile(columns, 6).ravel())
 
