@@ -17,6 +17,9 @@ ROOT = Path(__file__).resolve().parents[1]
 LONG = ("tests/engine/recovery/", "tests/engine/mpm/", "tests/faults/", "tests/engine/test_command_line.py", "tests/test_sample_scene.py")
 """Where the tests are that take longest, in this order."""
 
+# Where a network is installed that helps to outline objects, it would take part in every job; its own tests name one.
+os.environ["SEEING_WIND_OUTLINE_MODEL"] = "none"
+
 if "PYTEST_XDIST_WORKER" in os.environ:
     # One of several processes (pytest-xdist): threads that outnumber the cores would wait for each other on the spot, and everything would
     # take four times as long. What needs several, the Makefile runs by itself.

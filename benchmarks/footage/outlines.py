@@ -1,4 +1,6 @@
-"""The outline from a box alone against known outlines: benchmarks/footage/outlines.py SHARED [CASE ...] [--pictures DIR] [--corrected]
+"""The outline from a box alone against known outlines:
+
+    benchmarks/footage/outlines.py SHARED [CASE ...] [--pictures DIR] [--corrected] [--outline-model FILE]
 
 Three kinds of clips: real ones of SHARED/clips in frames outlined by hand (outlines.toml, and outlines_held_out.toml for those on which
 nothing was chosen), rendered ones of SHARED/truth/rendered with their masks, and painted ones (outline_scenes.py). The box is drawn round
@@ -7,7 +9,7 @@ the median and the worst over all outlined frames, and seconds of one processor;
 of them are seen in the last, the least number seen in any frame, and how many per cent of all lie within the outlines, or 1 px beside. The
 last rows sum up the kinds of clips; exit code 1 says that a bar is missed. With --pictures, found (green) and true (red) outlines are drawn
 into DIR. With --corrected, the worst frame is corrected as a person might, once by one point in the middle of the largest mistake and once
-by its true outline, and a row for each gives all other frames after it.
+by its true outline, and a row for each gives all other frames after it. With --outline-model, a network helps, as in `observe`.
 """
 
 from __future__ import annotations
@@ -17,7 +19,7 @@ import sys
 import tempfile
 import time
 import tomllib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -48,6 +50,8 @@ class Case:
     truth: dict[int, np.ndarray]
     """Frame, counted from the first of `frames`, -> (H, W) bool."""
     fps: float = 25.0
+    network: str | None = None
+    """The file of the network that helps; None for the engine alone."""
 
 
 def by_hand(name: str) -> dict[str, Any]:
@@ -137,7 +141,8 @@ def draw(folder: Path, name: str, case: Case, masks: dict[int, np.ndarray], pict
 
 def seen_in(case: Case, **marked: Any) -> Observation:
     """What `observe` makes of a case."""
-    return observe(case.path, ObserveSettings(frames=case.frames, fps=case.fps, distance=1.0, **marked), NoProgress())
+    settings = ObserveSettings(frames=case.frames, fps=case.fps, distance=1.0, outline_model=case.network, **marked)
+    return observe(case.path, settings, NoProgress())
 
 
 def masks_of(case: Case, seen: Observation) -> dict[int, np.ndarray]:
@@ -179,11 +184,11 @@ def after_correction(case: Case, masks: dict[int, np.ndarray], folder: Path) -> 
 
 
 def figures_of(
-    name: str, shared: Path, pictures: Path | None, corrected: bool
+    name: str, shared: Path, pictures: Path | None, corrected: bool, network: str | None
 ) -> tuple[list[float], str, dict[str, list[float]]]:
     """Overlap in every outlined frame of a case, its seconds and tracks, and what `after_correction` says if asked."""
     with tempfile.TemporaryDirectory() as folder:
-        case = case_of(name, shared, Path(folder))
+        case = replace(case_of(name, shared, Path(folder)), network=network)
         started = time.process_time()
         seen = seen_in(case, box=box_round(case.truth[0]))
         told = f"{time.process_time() - started:5.1f} s; {tracks_of(case, seen)}"
@@ -208,11 +213,14 @@ def main() -> int:
     names = [*DRAWN, *HELD_OUT, *PAINTED, *RENDERED]
     parser.add_argument("case", nargs="*", metavar="CASE", default=names)
     parser.add_argument("--corrected", action="store_true")
+    parser.add_argument("--outline-model", metavar="FILE")
     arguments = parser.parse_intermixed_args()
     found: dict[str, list[float]] = {}
     after: dict[str, list[float]] = {}
     for name in arguments.case:
-        found[name], told, corrections = figures_of(name, arguments.shared.resolve(), arguments.pictures, arguments.corrected)
+        found[name], told, corrections = figures_of(
+            name, arguments.shared.resolve(), arguments.pictures, arguments.corrected, arguments.outline_model
+        )
         row = found[name]
         print(f"{name:13} first {row[0]:.3f}  median {np.median(row):.3f}  worst {min(row):.3f}  {len(row):3} frames  {told}", flush=True)
         for kind, values in corrections.items():

@@ -17,7 +17,7 @@ import bpy
 from ..engine.errors import CANCELLED, DONE_WITH_WARNINGS, SeeingWindError, UsageError
 from ..engine.progress import Cancelled
 from .job import console, notes, takes, worker
-from .job.install.choices import asked_model
+from .job.install.choices import asked_model, outline_model
 from .job.install.environment import engine_python
 from .job.worker_command import command, environment
 
@@ -121,7 +121,8 @@ def run_verb(python: str, verb: str, options: list[str], show: Show) -> int:
     """Run the worker in the current folder, so that relative paths are resolved as the user expects; returns its exit code."""
     call = command(python, verb, *options)
     key = asked_model()[2] if any(option.startswith("--material-endpoint") for option in options) else ""
-    last = worker.wait(worker.run(call, cwd=os.getcwd(), env=environment(key) | {"PYTHONSAFEPATH": "1"}), show)
+    env = environment(key, outline_model()) | {"PYTHONSAFEPATH": "1"}
+    last = worker.wait(worker.run(call, cwd=os.getcwd(), env=env), show)
     return last["code"] if last["code"] in (0, 1, 2, DONE_WITH_WARNINGS) else CANCELLED if last["outcome"] == "cancelled" else 1
 
 

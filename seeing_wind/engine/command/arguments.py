@@ -16,7 +16,7 @@ from ..conventions import NO_GRAVITY
 from ..errors import UsageError
 from ..settings import BuildSettings, Edit, ObserveSettings, Option, RecoverSettings, ReportSettings, WindSettings, options_of
 from ..settings.build import MADE, may_be_sheet
-from ..settings.observe import NETWORKS, SEEN, VIEW
+from ..settings.observe import NETWORKS, NO_NETWORK, SEEN, VIEW, installed_network
 from ..settings.recover import SOLVE
 
 DESCRIPTIONS = {NETWORKS: "each a folder, or a name in the hub's cache; see `doctor`"}
@@ -203,14 +203,18 @@ def settings_of(cls: type, arguments: argparse.Namespace, **more: Any) -> Any:
 
 
 def observe_settings(arguments: argparse.Namespace) -> ObserveSettings:
-    """The settings of the stage *observe*. Points are recognised if the body may be a sheet, or if its material is yet to be asked for.
+    """The settings of the stage *observe*. Points are recognised if the body may be a sheet, or if its material is yet to be asked for. The
+    network that is installed helps to outline the object, unless another one or none is named.
 
     Raises:
         MaterialError: an unknown material, or numbers that are not physical.
     """
     sheet = may_be_sheet(settings_of(BuildSettings, arguments))
     unknown = getattr(arguments, "material_endpoint", None) is not None
-    return settings_of(ObserveSettings, arguments, recognise=sheet or unknown)
+    settings = settings_of(ObserveSettings, arguments, recognise=sheet or unknown)
+    if settings.outline_model is None and settings.mask_model is None:
+        return dataclasses.replace(settings, outline_model=installed_network())
+    return dataclasses.replace(settings, outline_model=None) if settings.outline_model == NO_NETWORK else settings
 
 
 def properties_of(arguments: argparse.Namespace) -> dict[str, Any]:

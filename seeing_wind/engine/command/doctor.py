@@ -44,15 +44,17 @@ def _package(name: str, advice: str) -> dict[str, Any]:
 def optional_models() -> list[dict[str, Any]]:
     """Checks of the optional models: whether the hub's cache has them and the packages that they need, and their licences."""
     from ..observe.models.catalogue import KNOWN, cached
+    from ..settings.observe import installed_network
 
     checks = []
     for entry in KNOWN:
         installed = importlib.util.find_spec(entry.package) is not None
-        folder = cached(entry.name)
-        there = folder is not None and any(folder.glob("*.safetensors"))
+        outlines = entry.task == "outline"
+        folder = None if outlines else cached(entry.name)
+        there = installed_network() is not None if outlines else folder is not None and any(folder.glob("*.safetensors"))
         licence = entry.licence + ("" if entry.commercial else ", no commercial use")
         lacks = [] if installed else [f"package {entry.package} is not installed"]
-        lacks += [] if there else ["no safetensors in the hub's cache"]
+        lacks += [] if there else ["not installed" if outlines else "no safetensors in the hub's cache"]
         detail = f"{licence}; {' and '.join(lacks) or 'ready'}"
         check = {"name": f"{entry.task} model {entry.name}", "ok": installed and there, "detail": detail, "optional": True}
         checks.append(check if check["ok"] else {**check, "advice": entry.how})

@@ -41,6 +41,8 @@ def check_networks(settings: ObserveSettings) -> None:
         raise UsageError("--outline-frame says which frame --outline shows, but --outline is missing.", "Give both, or neither.")
     if settings.mask_model and (settings.correct or settings.outline):
         raise UsageError("--mask-model follows the outline by itself, and cannot be corrected.", "Leave it or the corrections out.")
+    if settings.mask_model and settings.outline_model:
+        raise UsageError("--mask-model follows the outline by itself, and takes no --outline-model.", "Give one of them.")
     if settings.depth and settings.depth_model:
         raise UsageError("--depth and --depth-model contradict each other.", "Give one of them.")
     if settings.tracks and settings.track_model:

@@ -14,14 +14,19 @@ from ..settings import ObserveSettings
 from .clip.shake import homography, through_mask
 from .mask.background import median_plate
 from .mask.by_turns import sought_in_box, with_background
+from .mask.carried import Segmenter
 from .mask.corrected import Marks, carried_to_first, marks_of, with_corrections
 from .mask.first_mask import check_outline, read_mask
 from .mask.follow import Surroundings
-from .mask.from_box import box_round
+from .mask.from_box import box_round, with_network
 from .mask.moving.in_box import hardly_moves, moving_from
 from .mask.moving.registered import registered
+from .models.segment_anything import SegmentAnything
 from .networks import first_outline
 from .steady import Steady, marked, marked_area
+
+SAME = 0.75
+"""Least overlap of a network's outline of frame 0 with the object's mask there for the network to be asked in later frames."""
 
 
 @dataclass(frozen=True)
@@ -74,8 +79,33 @@ def find_outline(steady: Steady, progress: Progress, journal: Journal) -> Outlin
             drawn = replace(settings, box=None)
             mask, again = with_background(frames, shown[0], behind, moving, drawn, shown[0], progress, journal)
             known = replace(again, other=known.other)
+    if settings.outline_model is not None:
+        progress.update(0.1, "outlining the object by a network")
+        network = SegmentAnything(settings.outline_model)
+        if settings.mask is None and (settings.depth is None or settings.box is not None):
+            unaided = _with_network(network, still[0], unaided, settings, known, progress)
+            mask = shown.get(0, unaided)
+        known = replace(known, network=_of_one_mind(network, frames[0], mask, progress), frames=len(frames))
     corrected = with_corrections(frames, mask, unaided, shown, marks, known, progress, journal)
     return Outline(mask if corrected is None else corrected[0], corrected, known, settings, doubts)
+
+
+def _with_network(
+    network: Segmenter, frame: np.ndarray, mask: np.ndarray, settings: ObserveSettings, known: Surroundings, progress: Progress
+) -> np.ndarray:
+    """The object (H, W) bool in `frame` (H, W, 3) uint8 RGB, which is frame 0, where `mask` (H, W) bool was found without a network."""
+    outline = network.outline(frame, mask, settings.box if settings.box is not None else box_round(mask))
+    return mask if outline is None else with_network(frame, mask, outline, known.plate, known.contrast, progress)
+
+
+def _of_one_mind(network: Segmenter, frame: np.ndarray, mask: np.ndarray, progress: Progress) -> Segmenter | None:
+    """The network, if it outlines in frame 0 what is the object there according to `mask` (H, W) bool; otherwise it would soon lead away
+    from it, and None is returned."""
+    outline = network.outline(frame, mask)
+    if outline is None or np.count_nonzero(outline & mask) < SAME * np.count_nonzero(outline | mask):
+        progress.warn("The network outlines something else than the object, or the object is too small for it, so it is not used.")
+        return None
+    return network
 
 
 def _corrections(steady: Steady) -> tuple[dict[int, np.ndarray], dict[int, Marks]]:

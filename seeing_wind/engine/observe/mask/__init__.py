@@ -5,7 +5,7 @@
     moving         which parts of frame 0 move, in the next frames or later; other moving things beside the object
     cutting.py     segmenting a region by its colours; cleaning up masks; convex hulls
     evidence.py    the evidence that a pixel belongs to the object, in log odds that add up
-    carried.py     a set of pixels, carried from one frame to the next
+    carried.py     a set of pixels, such as a network's outline, carried from one frame to the next
     corrected.py   the user's corrections in any frame, carried to the others
     follow.py      carrying the mask from one frame to the next
     through.py     the masks of the whole clip

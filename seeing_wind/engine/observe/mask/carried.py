@@ -1,12 +1,17 @@
-"""A set of pixels that is carried from one frame to the next."""
+"""A set of pixels that is carried from one frame to the next, such as the outline that a network finds in every few frames."""
 
 from __future__ import annotations
+
+from typing import Protocol
 
 import cv2
 import numpy as np
 
 from .cutting import closed
 from .motion import Flow, Window, placed, shifted, window_of
+
+EVERY, ASKED = 3, 30
+"""Frames from one that a network outlines to the next, and about how often it is asked in a clip: a frame takes it 1.5 CPU seconds."""
 
 
 class Carried:
@@ -62,3 +67,63 @@ class Carried:
         """Continue from what `state()` returned."""
         x0, y0, x1, y1 = (int(value) for value in state[f"{self._name}_window"])
         self.part, self.window, self._rest = state[self._name], (x0, y0, x1, y1), state[f"{self._name}_rest"]
+
+
+class Segmenter(Protocol):
+    """A network that outlines the object in single frames."""
+
+    def outline(
+        self, frame: np.ndarray, expected: np.ndarray, box: tuple[float, float, float, float] | None = None
+    ) -> np.ndarray | None:
+        """The object (H, W) bool in `frame` (H, W, 3) uint8 RGB; None where the network does not help, because the object is too small for
+        it or because it outlines something else.
+
+        Args:
+            expected: (H, W) bool, about where the object is.
+            box: the user's box (x0, y0, x1, y1) [px]; it counts more than `expected`, which may be far off then.
+        """
+
+
+class Segmented:
+    """The object as a network outlines it in every few frames, and as the flow carries that outline in between.
+
+    Attributes:
+        fresh: whether the outline is of the newest frame.
+    """
+
+    def __init__(self, network: Segmenter, mask: np.ndarray, frames: int) -> None:
+        """`mask` (H, W) bool is frame 0's; `frames`: the clip's length."""
+        self._network, self._part = network, Carried("segmented", mask)
+        self._every, self._count = max(EVERY, -(-frames // ASKED)), 0
+        self.fresh = False
+
+    def advance(self, frame: np.ndarray, flow: Flow | None, motion: np.ndarray, expected: np.ndarray, where: Window) -> None:
+        """Go on to the next `frame` (H, W, 3) uint8 RGB.
+
+        Args:
+            flow, motion: that to this frame, dense if it is known, and (2,) [px] of the whole object.
+            expected: (h, w) bool in the window `where`, the silhouette carried from the frame before.
+        """
+        self._count += 1
+        self.fresh = self._count % self._every == 0
+        if self.fresh:
+            height, width = frame.shape[:2]
+            found = self._network.outline(frame, placed(expected, where, (0, 0, width, height)))
+            self._part.set(np.zeros((1, 1), bool) if found is None else found)
+        elif flow is None:
+            self._part.shift(motion)
+        else:
+            self._part.flow(flow)
+
+    def over(self, where: Window) -> np.ndarray | None:
+        """The outline's pixels (h, w) bool in the window `where`; None without an outline."""
+        return self._part.over(where) if self._part.any() else None
+
+    def state(self) -> dict[str, np.ndarray]:
+        """All that later frames depend on."""
+        return self._part.state() | {"segmented_count": np.array(self._count)}
+
+    def resume(self, state: dict[str, np.ndarray]) -> None:
+        """Continue from what `state()` returned."""
+        self._part.resume(state)
+        self._count = int(state["segmented_count"])

@@ -41,6 +41,10 @@ BESIDE_PLATE = 0.45
 STAYS = 0.7
 """Log odds that an expected silhouette gives right at its border, so that weak evidence does not wear it away from frame to frame."""
 
+SEGMENTED, SEGMENTED_BEFORE, SEGMENTED_RIM = 8.0, 4.0, 1.5
+"""Log odds that a network's outline gives in its own frame, and after it was carried to later ones; and the distance [px] from its border
+at which it gives them. In its own frame it outweighs a background or colours that contradict it, but not both and the silhouette, too."""
+
 RIM = 3.5
 """Width [px] over which a lens and a codec blur the object's rim: within it, the object ends where half of its contrast is left."""
 
@@ -206,6 +210,15 @@ def against_shape(shape: np.ndarray, band: float) -> np.ndarray:
     # Each distance is 0 on the other side of the border.
     odds = cv2.addWeighted(within, 3.0 / band, beyond, -1.5 / band, -STAYS) + one * np.float32(2.0 * STAYS)
     return np.clip(odds, -SURE - 1.0, SURE)
+
+
+def against_network(outline: np.ndarray, fresh: bool) -> np.ndarray:
+    """Log odds (h, w) from a network's `outline` (h, w) bool, which is `fresh` if it is of this frame."""
+    one = outline.astype(np.uint8)
+    inside, beyond = (cv2.distanceTransform(side, cv2.DIST_L2, 3) for side in (one, 1 - one))
+    # The border lies half a pixel before the first pixel of either side.
+    ahead = np.where(outline, inside - 0.5, 0.5 - beyond)
+    return (SEGMENTED if fresh else SEGMENTED_BEFORE) * np.clip(ahead / SEGMENTED_RIM, -1.0, 1.0).astype(np.float32)
 
 
 def total_odds(

@@ -9,9 +9,9 @@ import numpy as np
 
 from ...progress import Progress
 from .background import Plate
-from .carried import Carried
+from .carried import Carried, Segmented, Segmenter
 from .cutting import LEAST_PIXELS, connected_to, opened, tidy
-from .evidence import Contrast, against_plate, against_shape, cut_out, total_odds
+from .evidence import Contrast, against_network, against_plate, against_shape, cut_out, total_odds
 from .motion import Flow, FlowSolver, Window, band_of, body_shift, cut, median_of, middle_of, paste, placed, shifted, window_of, within
 from .moving.others import Other
 from .moving.panned import PannedPlate
@@ -46,6 +46,10 @@ class Surroundings:
     """(H, W) bool: another thing that moves along with the object in frame 0, see `others.beyond_box`."""
     panned: bool = False
     """The camera moves, so the plate holds for frame 0 only."""
+    network: Segmenter | None = None
+    """A network that helps to outline the object."""
+    frames: int = 0
+    """The clip's length; only a network needs it."""
 
     @property
     def still(self) -> Plate | None:
@@ -84,6 +88,7 @@ class MaskFollower:
         self._missed = 0
         self._most = float(np.count_nonzero(mask))
         self._other = Other(frame, mask, known.other)
+        self._segmented = None if known.network is None else Segmented(known.network, mask, known.frames)
         self.mask = mask
         self.velocity = np.zeros(2)
         self.hidden = False
@@ -106,6 +111,9 @@ class MaskFollower:
         self._whole.shift(motion)
         self._other.move(frame, self.flow, motion, wide)
         carried, where = self._carry(shift, margin)
+        if self._segmented is not None:
+            self._segmented.advance(frame, self.flow, motion, carried, where)
+            self._progress.check()
         found, where = self._with_what_comes_back(frame, self._silhouette(frame, carried, where), where)
         self._remember(frame, gray, shift, carried, found, where)
         mask = np.zeros(gray.shape, bool)
@@ -122,11 +130,14 @@ class MaskFollower:
 
     def state(self) -> dict[str, np.ndarray]:
         """See `through.Follower.state`."""
-        return {
+        own = {
             "template": self._template,
             "velocity": self.velocity,
             "counts": np.array([self._steps, self._missed, self.hidden, self._most]),
-        } | self._shape.state() | self._whole.state() | self._other.state() | ({} if self._panned is None else self._panned.state())
+        } | self._shape.state() | self._whole.state() | self._other.state()
+        for more in (self._panned, self._segmented):
+            own |= {} if more is None else more.state()
+        return own
 
     def resume(self, frame: np.ndarray, mask: np.ndarray, state: dict[str, np.ndarray]) -> None:
         """See `through.Follower.resume`."""
@@ -139,6 +150,8 @@ class MaskFollower:
             carried.resume(state)
         if self._panned is not None:
             self._panned.resume(frame, state)
+        if self._segmented is not None:
+            self._segmented.resume(state)
 
     def _search(self, frame: np.ndarray) -> np.ndarray:
         size = float(np.sqrt(np.count_nonzero(self._shape.part)))
@@ -178,6 +191,8 @@ class MaskFollower:
         crop, seen, before = cut(frame, around), self._against_plate(frame, around), placed(carried, where, around)
         colors = self._other.colors.odds(crop)
         odds = total_odds(against_shape(before, band), seen, colors, self._other.over(around) & (colors < 0.0) & ~before)
+        if self._segmented is not None and (outline := self._segmented.over(around)) is not None:
+            odds += against_network(outline, self._segmented.fresh)
         own = tidy(cut_out(odds, crop, float(np.count_nonzero(before))), before)
         if seen is not None:
             differs = seen[1] & (seen[0] > 0.0)

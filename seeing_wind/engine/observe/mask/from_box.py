@@ -9,7 +9,7 @@ from ...errors import ObjectError, UsageError
 from ...progress import Progress
 from .background import Plate
 from .cutting import LEAST_PIXELS, closed, enclosed, grab_cut, opened, tidy, widened
-from .evidence import SURE, Colors, Contrast, against_plate, against_shape, cut_out, total_odds
+from .evidence import SURE, Colors, Contrast, against_network, against_plate, against_shape, cut_out, total_odds
 from .motion import Window, band_of, cut, paste, shifted, window_of, within
 from .moving.in_box import MOVES, NEARBY, Moving, plate_odds
 from .rim import cut_back, rim_of, steepness
@@ -104,6 +104,29 @@ def better_drawn(frame: np.ndarray, mask: np.ndarray, other: np.ndarray, inside:
     slope = steepness(cv2.GaussianBlur(cut(frame, window), (0, 0), 1.0))
     less_steep = [np.searchsorted(np.sort(slope, axis=None), slope[rim_of(one)]).mean() for one in shapes]
     return other if less_steep[1] > less_steep[0] + STEEPER * slope.size else mask
+
+
+def with_network(
+    frame: np.ndarray, mask: np.ndarray, outline: np.ndarray, plate: Plate | None, contrast: Contrast | None, progress: Progress
+) -> np.ndarray:
+    """The object (H, W) bool in `frame` (H, W, 3) uint8, which is frame 0, found again from what was found without a network, `mask` (H, W)
+    bool, and the network's `outline` (H, W) bool.
+
+    `plate`: the background, None where it is unknown; `contrast`: if None, it is learnt from this frame.
+    """
+    window = within(window_of(mask | outline, NEARBY), frame)
+    crop, own, other = cut(frame, window), cut(mask, window), cut(outline, window)
+    seen = None if plate is None else against_plate(frame, plate, window, contrast or Contrast(plate, [(frame, mask)]))
+    colors = np.zeros(own.shape, np.float32)
+    if (own & other).any():
+        colors = Colors(crop[own & other], crop[~widened(own | other, 2)]).odds(crop)
+    expected = 0.5 * against_shape(own, band_of(float(own.sum())))
+    odds = total_odds(expected, seen, colors, np.zeros_like(own)) + against_network(other, fresh=True)
+    progress.check()
+    found = tidy(cut_out(odds, crop, float(other.sum())), own | other)
+    better = np.zeros_like(mask)
+    paste(better, found, window)
+    return better if better.sum() >= LEAST_PIXELS else mask
 
 
 def _spans(mask: np.ndarray, inside: np.ndarray) -> float:

@@ -4,4 +4,5 @@
     folders.py    finding and loading weights                       catalogue.py  the known models, with their licences
     depth.py      metric depth of frame 0                           masks.py      a mask from words, followed through the clip
     points.py     point tracks                                      objects.py    the objects of the first frame, with material and mask
+    segment_anything.py  outlines in single frames, which count as evidence beside the engine's own
 """

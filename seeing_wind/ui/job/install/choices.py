@@ -26,6 +26,12 @@ def folder_of_wheels() -> str:
     return bpy.path.abspath(chosen.wheels) if chosen is not None and chosen.wheels else ""
 
 
+def outline_model() -> str:
+    """The absolute path of the network that helps to outline objects; "" for the one that is installed with the engine, if any."""
+    chosen = preferences()
+    return bpy.path.abspath(chosen.outline_model) if chosen is not None and chosen.outline_model else ""
+
+
 def asked_model() -> tuple[str, str, str]:
     """Address, name and key of the vision-language model; "" for each one that is not set."""
     chosen = preferences()

