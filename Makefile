@@ -43,6 +43,7 @@ help:
 	@echo "make clean      remove build/"
 
 setup: $(VENV)/.complete $(TESTS)/.complete
+	@bash scripts/outline_model.sh $(VENV) $(ENGINE)
 
 $(VENV)/.complete: pyproject.toml seeing_wind/engine/requirements.txt
 	@bash scripts/make_venv.sh $(VENV)
