@@ -99,10 +99,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         return CANCELLED
     except SeeingWindError as error:
         return _failed(protocol, error)
-    except ModuleNotFoundError as error:
-        return _failed(
-            protocol, MissingPackage(f"The engine's Python lacks the package {error.name}.", "Run Install Engine, or `make setup`.")
-        )
+    except ImportError as error:
+        if not isinstance(error, ModuleNotFoundError):
+            traceback.print_exc()
+        return _failed(protocol, _unloaded(error))
     except OSError as error:
         if error.errno not in OUTSIDE:
             traceback.print_exc()
@@ -113,9 +113,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         if out_of_memory(error):
             return _failed(protocol, SeeingWindError("Out of memory.", "Use fewer particles or fewer frames."))
         traceback.print_exc()
-        return _failed(
-            protocol, SeeingWindError(f"Unexpected {type(error).__name__}: {error}.", "This is a defect: please report it with the log.")
-        )
+        return _failed(protocol, _defect(error))
     protocol.send({"type": "result", **result, "seconds": round(time.perf_counter() - started, 2)})
     if result["outcome"] == Outcome.DIVERGED:
         return FAILED
@@ -131,6 +129,21 @@ def out_of_memory(error: Exception) -> bool:
     if isinstance(error, MemoryError) or type(error).__name__ == "OutOfMemoryError" or getattr(error, "code", None) == OPENCV_NO_MEMORY:
         return True
     return isinstance(error, RuntimeError) and "allocate memory" in str(error)
+
+
+def _unloaded(error: ImportError) -> SeeingWindError:
+    """What to say of a package that is missing, or that is installed and cannot be loaded; of our own modules, that it is a defect."""
+    package = (error.name or "").partition(".")[0]
+    if package == (__package__ or "").partition(".")[0]:
+        return _defect(error)
+    said = f"The engine's Python lacks the package {package}."
+    if not isinstance(error, ModuleNotFoundError):
+        said = f"{f'The package {package}' if package else 'A package'} of the engine cannot be loaded: {str(error).rstrip('.')}."
+    return MissingPackage(said, "Run Install Engine, or `make setup`.")
+
+
+def _defect(error: Exception) -> SeeingWindError:
+    return SeeingWindError(f"Unexpected {type(error).__name__}: {error}.", "This is a defect: please report it with the log.")
 
 
 def _failed(protocol: Protocol, error: SeeingWindError) -> int:

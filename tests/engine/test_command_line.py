@@ -227,6 +227,26 @@ def test_doctor_says_that_the_solver_runs() -> None:
     assert {"solver", "torch", "clarabel", "video codec"} <= {check["name"] for check in result["checks"] if check["ok"]}
 
 
+def test_only_what_needs_a_package_fails_without_it(windy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its module raises what Python raises for one whose library does not load."""
+    (tmp_path / "broken").mkdir()
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path / "broken"), os.environ.get("PYTHONPATH", "")]))
+    unloadable = 'raise ImportError("DLL load failed while importing {0}.", name="{0}.{0}")'.format
+    (tmp_path / "broken" / "clarabel.py").write_text(unloadable("clarabel"))
+    (tmp_path / "edit.toml").write_text('[[body]]\nname = "flag"\nmesh = "flag.obj"\nmaterial = "cotton"\n')
+    (tmp_path / "flag.obj").write_text("v 0 0 0\nv 0.1 0 0\nv 0 0.1 0\nv 0.1 0.1 0\nf 1 2 4 3\n")
+    sample = ["sample", windy, "--points", tmp_path / "p.npy", "--frame", 0, "--out", tmp_path / "o.npz"]
+    export = ["export", windy, "--format", "npz", "--out", tmp_path / "box.npz"]
+    for verb in (sample, export, ["resimulate", windy, "--edit", tmp_path / "edit.toml", "--take", tmp_path / "r.take"]):
+        in_a_process_of_its_own(*verb, expect=0)
+    error = in_a_process_of_its_own("doctor", expect=1)[-2]
+    assert error["message"] == "The engine is not complete: clarabel."
+    (tmp_path / "broken" / "safetensors.py").write_text(unloadable("safetensors"))
+    error = in_a_process_of_its_own(*sample, expect=1)[-2]
+    assert error["message"] == "The package safetensors of the engine cannot be loaded: DLL load failed while importing safetensors."
+    assert error["hint"] == "Run Install Engine, or `make setup`." and error["mend"] == "install_engine"
+
+
 @pytest.mark.skipif(os.name == "nt", reason="SIGINT cannot be sent to another process on Windows")
 def test_sigint_cancels_at_a_safe_point_and_leaves_no_half_written_file(square: Path, tmp_path: Path) -> None:
     command = [sys.executable, "-m", "seeing_wind.engine", "recover", str(square), "--take", str(tmp_path / "t.take")]

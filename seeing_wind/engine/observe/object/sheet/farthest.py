@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import clarabel
 import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix, identity, kron
 from scipy.sparse.linalg import spsolve
@@ -66,6 +65,8 @@ def _deepest(mesh: SheetMesh, places: np.ndarray, origin: np.ndarray, rays: np.n
 def _depths(rays: np.ndarray, first: np.ndarray, second: np.ndarray, fixed: np.ndarray, longest: np.ndarray) -> np.ndarray:
     """The depths d (N,) whose sum is largest while |d_i r_i - d_j r_j| <= longest, for B pairs of `first` i and `second` j; where j is
     FIXED, `fixed` (B, 3) stands for d_j r_j."""
+    from clarabel import DefaultSettings, DefaultSolver, NonnegativeConeT, SecondOrderConeT  # an engine may lack it: only sheets need it
+
     count, bounds = len(rays), len(longest)
     number, both, axis = np.arange(bounds), np.flatnonzero(second != FIXED), 1 + np.arange(3)
     # Rows: per bound a cone (longest + slack, difference of the points), then slack >= 0. Columns: the depths, then the slacks.
@@ -79,11 +80,11 @@ def _depths(rays: np.ndarray, first: np.ndarray, second: np.ndarray, fixed: np.n
     matrix = csc_matrix((value, (row, column)), (5 * bounds, count + bounds))
     right = np.concatenate([np.column_stack([longest, -fixed]).ravel(), np.zeros(bounds)])
     cost = np.concatenate([-np.ones(count), np.full(bounds, SLACK)])
-    settings = clarabel.DefaultSettings()
+    settings = DefaultSettings()
     settings.verbose = False
     settings.max_threads = 1
-    cones = [clarabel.SecondOrderConeT(4)] * bounds + [clarabel.NonnegativeConeT(bounds)]
-    solver = clarabel.DefaultSolver(csc_matrix((count + bounds,) * 2), cost, matrix, right, cones, settings)
+    cones = [SecondOrderConeT(4)] * bounds + [NonnegativeConeT(bounds)]
+    solver = DefaultSolver(csc_matrix((count + bounds,) * 2), cost, matrix, right, cones, settings)
     return np.array(solver.solve().x)[:count]
 
 
