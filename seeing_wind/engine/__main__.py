@@ -33,7 +33,7 @@ os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 
 from .command import cancelling  # noqa: E402
 from .command.arguments import parser  # noqa: E402
-from .errors import CANCELLED, DONE_WITH_WARNINGS, FAILED, NO_PATH, MissingPackage, SeeingWindError, UsageError  # noqa: E402
+from .errors import CANCELLED, DONE_WITH_WARNINGS, FAILED, NO_PATH, MissingPackage, SeeingWindError, UsageError, clause  # noqa: E402
 from .progress import Cancelled, Progress  # noqa: E402
 from .records import Outcome  # noqa: E402
 
@@ -138,7 +138,7 @@ def _unloaded(error: ImportError) -> SeeingWindError:
         return _defect(error)
     said = f"The engine's Python lacks the package {package}."
     if not isinstance(error, ModuleNotFoundError):
-        said = f"{f'The package {package}' if package else 'A package'} of the engine cannot be loaded: {str(error).rstrip('.')}."
+        said = f"{f'The package {package}' if package else 'A package'} of the engine cannot be loaded: {clause(error)}."
     return MissingPackage(said, "Run Install Engine, or `make setup`.")
 
 

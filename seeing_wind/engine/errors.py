@@ -106,6 +106,13 @@ class WrongTake(TakeError):
     exit_code = WRONG_INPUT
 
 
+def clause(error: Exception) -> str:
+    """The text of another error for the inside of a sentence: without a full stop, and a missing key as such."""
+    if isinstance(error, KeyError) and error.args:
+        return f"it lacks {error.args[0]}"
+    return (error.message if isinstance(error, SeeingWindError) else str(error)).rstrip(".")
+
+
 def extra(name: str) -> str:
     """The command that installs an optional part of the engine, as in the guides: from the project's folder, as no package index has it."""
     return f'pip install "PROJECT[{name}]", PROJECT being the folder of this project'

@@ -13,7 +13,7 @@ from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 import numpy as np
 
 from .conventions import DRAFT, distrusted
-from .errors import UsageError, WrongTake
+from .errors import UsageError, WrongTake, clause
 from .reading import check_record, parse_json
 from .records import Body, Recovery
 from .take import Take
@@ -140,9 +140,11 @@ def is_draft(trajectory: Path) -> bool:
 def _notes_in(trajectory: Path) -> list[str]:
     try:
         with np.load(trajectory, allow_pickle=False) as arrays:
+            if "notes" not in arrays:
+                raise ValueError("it lacks them")
             return [str(note) for note in json.loads(str(arrays["notes"]))]
-    except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile) as error:
-        raise WrongTake(f"The notes in {trajectory} cannot be read ({error}).", "Run `recover` again.") from error
+    except (OSError, ValueError, TypeError, zipfile.BadZipFile) as error:
+        raise WrongTake(f"The notes in {trajectory} cannot be read ({clause(error)}).", "Run `recover` again.") from error
 
 
 def recovery_of(arrays: dict[str, np.ndarray]) -> Recovery:

@@ -95,6 +95,24 @@ def test_a_further_field_that_is_none_is_refused_before_a_batch(engine, windy: P
     assert "flag.obj cannot be read as a field" in said["message"] and "field.safetensors or wind.safetensors" in said["hint"]
 
 
+def test_a_damaged_further_field_is_told_with_its_take(engine, windy: Path, tmp_path: Path) -> None:
+    (tmp_path / "flag.obj").write_text("v 0 0 0\nv 0.1 0 0\nv 0 0.1 0\nv 0.1 0.1 0\nf 1 2 4 3\n")
+    edit = '[[body]]\nname = "flag"\nmesh = "flag.obj"\n[[further_field]]\nfile = "other.take/field.safetensors"\n'
+    (tmp_path / "edit.toml").write_text(edit)
+    (tmp_path / "other.take").mkdir()
+    whole = (windy / "field.safetensors").read_bytes()
+    box = b"[[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]]"
+    for content, says in (
+        (whole[: len(whole) // 2], "cannot be read as a field"),
+        (whole.replace(b'"fps"', b'"fpz"'), "it lacks fps."),
+        (whole.replace(box, box.replace(b"1.0", b"0.0")), "two corners (2, 3) in metres, the lower one first."),
+    ):
+        (tmp_path / "other.take" / "field.safetensors").write_bytes(content)
+        said = engine("resimulate", windy, "--edit", tmp_path / "edit.toml", "--take", tmp_path / "r.take", expect=2)[-2]
+        assert "other.take" in said["message"] and says in said["message"] and ".." not in said["message"]
+        assert "run `recover` for that take again" in said["hint"]
+
+
 def test_a_useless_further_field_is_told(engine, windy: Path, tmp_path: Path) -> None:
     other, bad = tmp_path / "other.take", f"{DISTRUST}: 48 pixels off."
     shutil.copytree(windy, other, ignore=lambda *_: [other.name])

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from safetensors import SafetensorError, safe_open
 
-from ..errors import UsageError, WrongTake
+from ..errors import UsageError, WrongTake, clause
 from ..reading import LARGEST_ARRAYS, parse_json, regular
 from .analytic import ForceFieldAnalytic
 from .force_field import UNITS, VERSION, ForceField
@@ -41,7 +41,7 @@ def load_field(path: str | PathLike[str]) -> ForceField:
             metadata = file.metadata() or {}
             tensors = {key: file.get_tensor(key) for key in file.keys()}
     except (OSError, SafetensorError, ValueError, TypeError, AttributeError, MemoryError) as error:  # AttributeError: types NumPy lacks
-        raise WrongTake(f"{path} cannot be read as a field: {error}.", again) from error
+        raise WrongTake(f"{path} cannot be read as a field: {clause(error)}.", again) from error
     try:
         name, version, units, kind = metadata["representation"], int(metadata["version"]), metadata["units"], metadata.get("kind", "force")
         if version > VERSION or units != UNITS.get(kind) or name not in REPRESENTATIONS:
@@ -54,4 +54,4 @@ def load_field(path: str | PathLike[str]) -> ForceField:
         field.kind = kind
         return field
     except (KeyError, ValueError, TypeError, RuntimeError, OverflowError, UsageError) as error:
-        raise WrongTake(f"{path} is not a field that this version can read: {error}.", again) from error
+        raise WrongTake(f"{path} is not a field that this version can read: {clause(error)}.", again) from error

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...engine.errors import TakeError
+from ...engine.errors import TakeError, clause
 from ...engine.masks import Masks
 from ...engine.record_arrays import from_arrays
 from ...engine.take import Take
@@ -73,7 +73,7 @@ def wind_told(take: Take) -> WindTold | None:
             raise ValueError(f"speeds and drag {numbers}")
         return WindTold(told["field"] == "wind", tuple(notes), *numbers)
     except (AttributeError, KeyError, TypeError, ValueError) as error:
-        raise TakeError(f"{take.file('wind.json')} does not describe a wind ({error}).", "Run Recover again.") from error
+        raise TakeError(f"{take.file('wind.json')} does not describe a wind: {clause(error)}.", "Run Recover again.") from error
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,7 @@ def field_summary(take: Take) -> FieldSummary:
             raise ValueError(f"box {box.tolist()}, {fps} frames per second, {frames} frames, density {density}")
         return FieldSummary(box, fps, frames, density, clip.get("path", ""), int(clip.get("first_frame", 0)))
     except (AttributeError, KeyError, OverflowError, TypeError, ValueError) as error:
-        raise TakeError(f"The report of {take.path} does not describe its field ({error}).", "Run Recover again.") from error
+        raise TakeError(f"{take.file('report.json')} does not describe a field: {clause(error)}.", "Run Recover again.") from error
 
 
 def trajectory(take: Take, field: FieldSummary) -> np.ndarray:

@@ -87,8 +87,11 @@ def test_incomplete_or_contradictory_metadata(fields, tmp_path, change):
     with safe_open(path, framework="numpy") as file:
         metadata = {key: value for key, value in {**file.metadata(), **change}.items() if value is not None}
     save_file(load_file(path), path, metadata)
-    with pytest.raises(TakeError):
+    with pytest.raises(TakeError) as caught:
         load_field(path)
+    assert str(path) in caught.value.message and not caught.value.message.endswith("..")
+    if None in change.values():
+        assert caught.value.message.endswith(f": it lacks {next(iter(change))}.")
 
 
 TENSORS = [("causal_triplane", "module.planes.table"), ("point", "confidence.value"), ("analytic", "phase")]

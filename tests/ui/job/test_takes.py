@@ -299,6 +299,8 @@ def test_a_damaged_take_is_told_and_what_is_shown_stays(project) -> None:
         take.file("report.json").write_text(json.dumps(json.loads(report) | change if change else change))
         for call in (bpy.ops.seeing_wind.build_scene, bpy.ops.seeing_wind.resimulate):
             refused(call, "report", change)
+    take.file("report.json").write_text(json.dumps({key: value for key, value in json.loads(report).items() if key != "fps"}))
+    refused(bpy.ops.seeing_wind.build_scene, "clip.take.report.json does not describe a field: it lacks fps. Run", "fps")
     take.file("report.json").write_text(report)
     for number, change in enumerate(SIMULATIONS):
         whole = edit.file("bodies/Cube.npz").read_bytes()

@@ -269,7 +269,8 @@ def _further(path: Path) -> ForceField:
     try:
         return load_field(path)
     except WrongTake as error:
-        raise UsageError(error.message, "A further field is field.safetensors or wind.safetensors of a take.") from error
+        hint = "A further field is field.safetensors or wind.safetensors of a take; if this is one, run `recover` for that take again."
+        raise UsageError(error.message, hint) from error
 
 
 def strengths(strength: float | tuple[float, ...], frames: int, file: str = "") -> np.ndarray:
