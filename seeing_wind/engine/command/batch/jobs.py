@@ -25,7 +25,7 @@ from typing import Any
 
 from ...conventions import image_files, in_the_way
 from ...errors import NO_PATH, MaterialError, TakeError, UsageError
-from ...materials import find
+from ...materials import DEFAULT, find
 from ...settings import ObserveSettings, RecoverSettings, options_of
 from ...settings.mapping import shown
 from ...settings.tables import names_in, read_users_toml, tables_of
@@ -255,7 +255,9 @@ def _job(table: dict[str, Any], number: int, path: Path) -> Job:
     named = FILES | FOLDERS
     for key in sorted((named | {"material"}) & options.keys()):
         if not isinstance(options[key], str) and options[key] is not False:
-            raise UsageError(f"{key} in recover of {name} is {shown(options[key])}.", "Write one text in quotation marks.")
+            of_path = f"path of one {'folder' if key in FOLDERS else 'file'}"
+            what = f'name of one material, such as "{DEFAULT}",' if key == "material" else of_path
+            raise UsageError(f"{key} in recover of {name} is {shown(options[key])}.", f"Write the {what} in quotation marks.")
     check_kinds(options, name)
     options = {key: _beside(home, value) if key in named and isinstance(value, str) else value for key, value in options.items()}
     if "view" in options:

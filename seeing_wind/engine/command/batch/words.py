@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Collection, Sequence
 from pathlib import Path
@@ -38,12 +39,13 @@ def check_kinds(options: dict[str, Any], name: str) -> None:
     """Check that the options of the job `name` are as many words as their flags take; false leaves an option out.
 
     Raises:
-        UsageError: one is a list in place of a single value or the reverse, has another number of values, or is true.
+        UsageError: one is a list in place of a single value or the reverse, has another number of values, is true, or is no whole
+            number where one is needed.
     """
     for key, value in options.items():
         one = OPTIONS.get(key)
         if one is not None and value is not False and not _has_its_words(one, value):
-            raise UsageError(f"{key} in recover of {name} is {shown(value)}.", _kind(one))
+            raise UsageError(f"{key} in recover of {name} is {shown(value)}.", _kind(one, value))
 
 
 def _has_its_words(one: Option, value: Any) -> bool:
@@ -51,7 +53,7 @@ def _has_its_words(one: Option, value: Any) -> bool:
         texts = value if one.form.many and isinstance(value, list) and value else [value]
         return all(isinstance(each, str) for each in texts)
     if one.count is None:
-        return isinstance(value, (str, int, float)) and value is not True
+        return isinstance(value, (str, int) if one.kind is int else (str, int, float)) and value is not True
     return isinstance(value, list) and len(value) == (one.count or len(value)) and all(_is_number(each) for each in value)
 
 
@@ -59,10 +61,13 @@ def _is_number(value: Any) -> bool:
     return isinstance(value, (int, float)) and not isinstance(value, bool)
 
 
-def _kind(one: Option) -> str:
-    """What `_has_its_words` accepts, as a sentence."""
+def _kind(one: Option, value: Any) -> str:
+    """What `_has_its_words` accepts in place of the value, as a sentence."""
     if one.form is not None:
         return f"It must {one.form.must}, as {'texts' if one.form.many else 'a text'} in quotation marks."
+    if one.count is None and isinstance(value, float):
+        such = f", such as {round(value)}" if math.isfinite(value) else ""
+        return f"Write a whole number without a point or exponent{such}."
     if one.count is None:
         return "Write one value, or false to leave it out."
     return f"Write a list of {one.count or ''} numbers in brackets.".replace("  ", " ")
