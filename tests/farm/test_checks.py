@@ -84,12 +84,23 @@ def test_tracks_that_are_not_finite(refused, tmp_path: Path) -> None:
     assert "track 0 is visible in row 0, at [nan, nan]" in refused(LEAF + 'recover = { tracks = "tracks.npz" }').message
 
 
+@pytest.mark.parametrize(("place", "seen"), [(30.0, 0), (300.0, 1), (-20.0, 1)], ids=["never visible", "right of it", "left of it"])
+def test_tracks_that_are_not_in_the_picture(refused, tmp_path: Path, place: float, seen: int) -> None:
+    np.savez(tmp_path / "tracks.npz", xy=np.full((5, 3, 2), place), visible=np.full((5, 3), seen))
+    said = refused(LEAF + 'recover = { tracks = "tracks.npz" }').message
+    assert said == '"leaf": No track of tracks.npz is visible on the object in the first frame.'
+
+
 def test_clips_and_trajectories(refused, tmp_path: Path) -> None:
     (tmp_path / "text.avi").write_text("not a video\n" * 100)
     assert "text.avi is not a video" in refused(LEAF.replace("clip.avi", "text.avi")).message
     trajectories(tmp_path / "t.npz", np.nan)
     wrong = '[[job]]\nname = "t"\ntrajectories = "t.npz"\ntake = "t.take"\n'
     assert "the position of particle 0 in frame 0 is not finite" in refused(wrong).message
+    trajectories(tmp_path / "t.npz", 1.0)
+    with np.load(tmp_path / "t.npz") as arrays:
+        np.savez(tmp_path / "t.npz", **arrays, visible=np.zeros(arrays["x"].shape[:2], bool))
+    assert "27 of 27 points are not visible in frame 0" in refused(wrong).message
     trajectories(tmp_path / "t.npz", 1.0)
     assert "Unknown options: `fps`" in refused(wrong + "recover = { fps = 3 }\n").message
 

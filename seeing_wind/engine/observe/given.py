@@ -13,7 +13,7 @@ from .clip.frames import Clip, read_clip
 from .mask.first_mask import check_extent, check_outline, point_list, read_mask
 from .mask.from_box import pixels_in
 from .networks import check_networks
-from .tracks.file import checked_tracks
+from .tracks.file import checked_tracks, starting_on
 
 
 def check_clip(path: str, settings: ObserveSettings, progress: Progress) -> tuple[int, int]:
@@ -32,7 +32,7 @@ def check_given(settings: ObserveSettings, clip: Clip, progress: Progress) -> No
     """Check the files, box and points of the settings against the clip, in the file's own pixels.
 
     Raises:
-        UsageError: as `read_mask`, `read_depth`, `read_camera`, `pixels_in`, `point_list` and `checked_tracks`.
+        UsageError: as `read_mask`, `read_depth`, `read_camera`, `pixels_in`, `point_list`, `checked_tracks` and `starting_on`.
         ObjectError: as `check_extent`, `check_outline`, `refuse_none_held` and `refuse_all_held`.
     """
     (height, width), frames = clip.size, len(clip.frames)
@@ -56,7 +56,8 @@ def check_given(settings: ObserveSettings, clip: Clip, progress: Progress) -> No
     if settings.points is not None:
         point_list(settings.points, height, width)
     if settings.tracks is not None:
-        checked_tracks(settings.tracks, frames, clip.first_frame, progress if settings.frames is None else None)
+        xy, visible, _ = checked_tracks(settings.tracks, frames, clip.first_frame, progress if settings.frames is None else None)
+        starting_on(np.ones((height, width), bool), xy[0], visible[0], settings.tracks)  # wherever the object is
 
 
 def refuse_none_held(held: np.ndarray) -> None:

@@ -31,19 +31,10 @@ def read_tracks(
         mask: (H, W) bool, the object in frame 0; the others as of `checked_tracks`.
 
     Raises:
-        UsageError: as `checked_tracks`, or no track on the object.
+        UsageError: as `checked_tracks` and `starting_on`.
     """
     xy, visible, sigma = checked_tracks(path, frames, first_frame)
-    height, width = mask.shape
-    far = float(max(width, height))
-    nearest = np.round(np.clip(np.nan_to_num(xy[0], nan=-1.0, posinf=-1.0, neginf=-1.0), -1.0, far)).astype(int)
-    inside = (nearest >= 0).all(axis=1) & (nearest[:, 0] < width) & (nearest[:, 1] < height)
-    on = visible[0] & inside & mask[np.clip(nearest[:, 1], 0, height - 1), np.clip(nearest[:, 0], 0, width - 1)]
-    if not on.any():
-        raise UsageError(
-            f"No track of {Path(path).name} is visible on the object in the first frame.",
-            "Check the mask, and that pixels count from the top left.",
-        )
+    on = starting_on(mask, xy[0], visible[0], path)
     if not on.all():
         progress.warn(f"{int((~on).sum())} of {len(on)} tracks do not start on the object in the first frame and are left out.")
     if on.sum() < FEW:
@@ -52,6 +43,25 @@ def read_tracks(
     # An invisible point's place is never used; zero keeps arithmetic on whole arrays finite.
     held = np.where(visible[..., None], xy, 0.0)
     return held[:, on], visible[:, on], np.where(visible, sigma, SIGMA)[:, on]
+
+
+def starting_on(area: np.ndarray, xy: np.ndarray, visible: np.ndarray, path: str) -> np.ndarray:
+    """(K,) bool: which tracks are in frame 0 visible (K,) at xy (K, 2) [px] in the area (H, W) bool, which contains the object.
+
+    Raises:
+        UsageError: none is.
+    """
+    height, width = area.shape
+    far = float(max(width, height))
+    nearest = np.round(np.clip(np.nan_to_num(xy, nan=-1.0, posinf=-1.0, neginf=-1.0), -1.0, far)).astype(int)
+    inside = (nearest >= 0).all(axis=1) & (nearest[:, 0] < width) & (nearest[:, 1] < height)
+    on = visible & inside & area[np.clip(nearest[:, 1], 0, height - 1), np.clip(nearest[:, 0], 0, width - 1)]
+    if not on.any():
+        raise UsageError(
+            f"No track of {Path(path).name} is visible on the object in the first frame.",
+            "Check the mask, and that pixels count from the top left.",
+        )
+    return np.asarray(on)
 
 
 def checked_tracks(
