@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.scenes.gusts import GustField
 from seeing_wind.engine.conventions import DISTRUST, DRAFT
 from seeing_wind.engine.field.confidence import ConfidenceMap
 from seeing_wind.engine.field.representations.point import ForceFieldPoint
@@ -122,6 +123,50 @@ def test_a_useless_further_field_is_told(engine, windy: Path, tmp_path: Path) ->
     (tmp_path / "flag.obj").write_text("v 0 0 0\nv 0.1 0 0\nv 0 0.1 0\nv 0.1 0.1 0\nf 1 2 4 3\n")
     messages = engine("resimulate", windy, "--edit", tmp_path / "edit.toml", "--take", tmp_path / "r.take", expect=0)
     assert [one["message"] for one in messages if one["type"] == "warning" and DISTRUST in one["message"]] == [bad]
+
+
+def test_a_field_that_acts_twice_is_told(engine, windy: Path, tmp_path: Path) -> None:
+    other, own = tmp_path / "other.take", windy / "field.safetensors"
+    other.mkdir()
+    wind = GustField(1, np.array([[0.0] * 3, [1.0] * 3]), 25.0, 4, np.zeros(3), 2.0, wavelength=1.0, period=0.8)
+    wind.kind = "wind"
+    wind.save(other / "wind.safetensors")
+    copy = GustField(2, np.array([[0.0] * 3, [1.0] * 3]), 25.0, 4, np.zeros(3), 2.0, wavelength=1.0, period=0.8)
+    copy.save(other / "field.safetensors")
+    shutil.copy(other / "field.safetensors", tmp_path / "copy.safetensors")
+    np.save(tmp_path / "place.npy", np.tile(np.eye(4) + 0.5 * np.eye(4, k=3), (4, 1, 1)))
+    (tmp_path / "flag.obj").write_text("v 0 0 0\nv 0.1 0 0\nv 0 0.1 0\nv 0.1 0.1 0\nf 1 2 4 3\n")
+    (force, gust, copied, mine), moved = (other / "field.safetensors", other / "wind.safetensors", "copy.safetensors", own), "place.npy"
+    twice, causes = "The same field acts twice at one place, as ", "The force and the wind of one take act together, as "
+    for fields, says in (
+        ([(force, None)], []),
+        ([(force, None), (force, moved)], []),
+        ([(mine, moved)], []),
+        ([(mine, None)], [f"{twice}the take's own field and further field 1 ({mine})."]),
+        ([(force, None), (copied, None)], [f"{twice}further field 1 ({force}) and further field 2 ({copied})."]),
+        ([(force, moved), (gust, moved)], [f"{causes}further field 1 ({force}) and further field 2 ({gust}), although"]),
+    ):
+        text = '[[body]]\nname = "flag"\nmesh = "flag.obj"\nmaterial = "cotton"\n'
+        for file, place in fields:
+            text += f"[[further_field]]\nfile = '{file}'\n" + (f"place = '{place}'\n" if place else "")
+        (tmp_path / "edit.toml").write_text(text)
+        messages = engine("resimulate", windy, "--edit", tmp_path / "edit.toml", "--take", tmp_path / "r.take", expect=0)
+        told = [one["message"] for one in messages if one["type"] == "warning" and "Leave one out" in one["message"]]
+        assert len(told) == len(says) and all(one.startswith(start) for one, start in zip(told, says, strict=True)), told
+
+
+def test_a_re_simulation_lists_its_further_fields(engine, windy: Path, tmp_path: Path) -> None:
+    (tmp_path / "other.take").mkdir()
+    shutil.copy(windy / "field.safetensors", tmp_path / "other.take")
+    (tmp_path / "flag.obj").write_text("v 0 0 0\nv 0.1 0 0\nv 0 0.1 0\nv 0.1 0.1 0\nf 1 2 4 3\n")
+    body, take = '[[body]]\nname = "flag"\nmesh = "flag.obj"\nmaterial = "cotton"\n', str(tmp_path / "other.take")
+    field_of = '[[further_field]]\nfile = "other.take/field.safetensors"\nstrength = 0.5\n'
+    found = {"source": take, "file": "field.safetensors"}
+    further = [{**found, "name": None}, {**found, "name": "Breeze"}]
+    for text, listed in ((body, []), (f'{body}{field_of}{field_of}name = "Breeze"\n', further)):
+        (tmp_path / "edit.toml").write_text(text)
+        engine("resimulate", windy, "--edit", tmp_path / "edit.toml", "--take", tmp_path / "r.take", expect=0)
+        assert Take(tmp_path / "r.take").read_json("resimulation.json")["further_fields"] == listed
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="Windows has no such pipes")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import os
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,6 +24,9 @@ if TYPE_CHECKING:
     from ..field import ForceField
     from ..settings import Edit
 
+FORCE = "field.safetensors"
+"""File of a take with its force."""
+
 
 def resimulate(arguments: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     """`resimulate DIR --edit EDIT.toml --take OUT` -> OUT/bodies/NAME.npz."""
@@ -33,7 +36,7 @@ def resimulate(arguments: argparse.Namespace, progress: Progress) -> dict[str, A
     from ..recovery.wind.stage import FIELD, read_wind
 
     source, edit = require_take(arguments.source), check_edit(arguments)
-    out, field = Take(arguments.take), load_field(source.file("field.safetensors"))
+    out, field = Take(arguments.take), load_field(source.file(FORCE))
     field = _mover(edit, field, read_wind(source))
     recovered = None
     if any(body.mesh == "recovered" for body in edit.body):
@@ -44,10 +47,13 @@ def resimulate(arguments: argparse.Namespace, progress: Progress) -> dict[str, A
             raise UsageError(f"{source.path} has no recovered object.", f'{hint} instead of "recovered".')
         recovered = (read_body(source), read_recovery(source))
     others = _further_files(arguments, edit)
-    stamp = stamp_of(Path(arguments.edit), source.file(FIELD if field.kind == "wind" else "field.safetensors"), *others)
+    own = source.file(FIELD if field.kind == "wind" else FORCE)
+    stamp = stamp_of(Path(arguments.edit), own, *others)
     takes = {source.path.resolve(): source.path} | {one.resolve().parent: one.parent for one in others}
     for path in takes.values():
         warn_of_field(Take(path), progress)
+    for warning in _acting_twice(edit, Path(arguments.edit).parent, own, others):
+        progress.warn(warning)
     holding = held(out, arguments.verb, progress, inputs_of_edit(Path(arguments.edit)), made_of(edit))
     with holding, TakeJournal(out, stamp, progress) as journal:
         progress.begin("resimulate", "simulating")
@@ -59,7 +65,13 @@ def resimulate(arguments: argparse.Namespace, progress: Progress) -> dict[str, A
         }
         frames = min(edit.frames or field.frames, field.frames)
         preview = edit.coarseness > 1.0 or frames < field.frames
-        summary = {"source": str(source.path), "fps": field.fps, "frames": frames, "preview": preview, "bodies": figures}
+        further = [
+            {"source": str(file.parent), "file": file.name, "name": one.name} for one, file in zip(edit.further_field, others, strict=True)
+        ]
+        summary = {
+            "source": str(source.path), "further_fields": further, "fps": field.fps, "frames": frames, "preview": preview,
+            "bodies": figures,
+        }  # fmt: skip
         with contextlib.ExitStack() as together:  # all files are written before the first is renamed into place; the stamp is last
             together.enter_context(out.finishing("resimulate", stamp, {"source": str(source.path), "edit": str(arguments.edit)}))
             for name, body in bodies.items():
@@ -90,7 +102,7 @@ def check_resimulation(arguments: argparse.Namespace, progress: Progress, later:
         from ..recovery.resimulate.in_field import fields_of  # imports the solver
         from ..recovery.wind.stage import read_wind
 
-        fields_of(edit, _mover(edit, load_field(source.file("field.safetensors")), read_wind(source)), Path(arguments.edit).parent)
+        fields_of(edit, _mover(edit, load_field(source.file(FORCE)), read_wind(source)), Path(arguments.edit).parent)
 
 
 def check_edit(arguments: argparse.Namespace, later: Collection[Path] = ()) -> Edit:
@@ -116,6 +128,29 @@ def check_edit(arguments: argparse.Namespace, later: Collection[Path] = ()) -> E
 def _further_files(arguments: argparse.Namespace, edit: Edit) -> list[Path]:
     """The files of an edit's further fields, whose paths are relative to the edit."""
     return [Path(arguments.edit).parent / one.file for one in edit.further_field]
+
+
+def _acting_twice(edit: Edit, folder: Path, own: Path, others: list[Path]) -> Iterator[str]:
+    """Warnings of fields that add up at one place although they are the same field, or the force and the wind of one take.
+
+    Args:
+        folder: that of the edit.
+        own: file of the take's field; `others`: those of the further ones.
+    """
+    from ..recovery.wind.stage import FIELD
+
+    further = [f"further field {number} ({one.name or one.file})" for number, one in enumerate(edit.further_field, start=1)]
+    places = [edit.field_place, *(one.place for one in edit.further_field)]
+    seen: dict[tuple[str, str | Path], str] = {}
+    for called, file, place in zip(("the take's own field", *further), (own, *others), places, strict=True):
+        stands, whole = "" if place is None else stamp_of(folder / place), file.resolve()
+        same, take = (stands, stamp_of(file)), (stands, whole.parent if file.name in (FORCE, FIELD) else whole)
+        if same in seen:
+            yield f"The same field acts twice at one place, as {seen[same]} and {called}. Leave one out, or move it."
+        elif take in seen:
+            together = f"The force and the wind of one take act together, as {seen[take]} and {called}"
+            yield f"{together}, although the wind causes the force. Leave one out."
+        seen |= {same: called, take: called}
 
 
 def _mover(edit: Edit, force: ForceField, wind: ForceField | None) -> ForceField:
