@@ -49,8 +49,10 @@ def find_outline(steady: Steady, progress: Progress, journal: Journal) -> Outlin
 
     Raises:
         ObjectError, UsageError: see `first_outline` and `mask/corrected.py`.
+        ModelError, MissingPackage: a network that cannot be used.
     """
     progress.update(0.08, "finding the object")
+    network = None if steady.settings.outline_model is None else SegmentAnything(steady.settings.outline_model)
     frames, settings, around, plate = steady.clip.frames, steady.settings, steady.around, steady.plate
     shown, marks = _corrections(steady)
     if shown and not marked(settings):
@@ -79,9 +81,8 @@ def find_outline(steady: Steady, progress: Progress, journal: Journal) -> Outlin
             drawn = replace(settings, box=None)
             mask, again = with_background(frames, shown[0], behind, moving, drawn, shown[0], progress, journal)
             known = replace(again, other=known.other)
-    if settings.outline_model is not None:
+    if network is not None:
         progress.update(0.1, "outlining the object by a network")
-        network = SegmentAnything(settings.outline_model)
         if settings.mask is None and (settings.depth is None or settings.box is not None):
             unaided = _with_network(network, still[0], unaided, settings, known, progress)
             mask = shown.get(0, unaided)

@@ -144,6 +144,8 @@ class SegmentAnything:
 def _files(path: str) -> tuple[bytes, bytes]:
     """Encoder and decoder from a folder or an archive. Raises WrongModel."""
     wanted = (ENCODER, DECODER)
+    if not os.path.exists(path):
+        raise WrongModel(f"There is no network at {path}.", _how())
     try:
         if os.path.isdir(path):
             found = {name: (Path(path) / name).read_bytes() for name in wanted if (Path(path) / name).is_file()}
@@ -155,7 +157,9 @@ def _files(path: str) -> tuple[bytes, bytes]:
                     content = archive.extractfile(member) if name in wanted and member.isfile() and member.size <= MOST else None
                     if content is not None:
                         found[name] = content.read()
-    except (OSError, ValueError, EOFError, tarfile.TarError, zlib.error) as error:
+    except tarfile.TarError as error:
+        raise WrongModel(f"{path} is neither a folder nor a whole archive.", _how()) from error
+    except (OSError, ValueError, EOFError, zlib.error) as error:
         raise WrongModel(f"The network {path} cannot be read: {error}.", _how()) from error
     if len(found) < len(wanted):
         raise WrongModel(f"There is no {' and no '.join(name for name in wanted if name not in found)} in {path}.", _how())

@@ -91,9 +91,11 @@ def test_the_encoder_runs_once_for_a_frame_that_is_asked_about_twice(folder: Pat
     assert len(runs) == 2
 
 
-def test_wrong_files_are_refused(tmp_path: Path, folder: Path) -> None:
+def test_wrong_files_are_refused(tmp_path: Path, folder: Path, archive: Path) -> None:
     text = tmp_path / "text.tgz"
     text.write_text("no archive")
+    halved = tmp_path / "halved.tgz"
+    halved.write_bytes(archive.read_bytes()[: archive.stat().st_size // 2])
     cut = tmp_path / "cut.tgz"
     with tarfile.open(cut, "w:gz") as packed:
         packed.add(folder / "sam.onnx", "package/dist/sam.onnx")
@@ -106,8 +108,9 @@ def test_wrong_files_are_refused(tmp_path: Path, folder: Path) -> None:
     for name in ("encoder.onnx", "sam.onnx"):
         (rubbish / name).write_bytes(b"rubbish")
     for path, said in (
-        (tmp_path / "none.tgz", "cannot be read"),
-        (text, "cannot be read"),
+        (tmp_path / "none.tgz", "There is no network at"),
+        (text, "neither a folder nor a whole archive"),
+        (halved, "cannot be read|neither a folder nor a whole archive"),
         (cut, "no encoder.onnx"),
         (swapped, "another network"),
         (rubbish, "cannot be loaded"),
