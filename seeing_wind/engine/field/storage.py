@@ -40,6 +40,8 @@ def load_field(path: str | PathLike[str]) -> ForceField:
         with safe_open(path, framework="numpy") as file:
             metadata = file.metadata() or {}
             tensors = {key: file.get_tensor(key) for key in file.keys()}
+        if foreign := [key for key, tensor in tensors.items() if tensor.dtype.isbuiltin != 1]:  # another package has added the type
+            raise TypeError(f"{foreign[0]} holds numbers of the type {tensors[foreign[0]].dtype}")
     except (OSError, SafetensorError, ValueError, TypeError, AttributeError, MemoryError) as error:  # AttributeError: types NumPy lacks
         raise WrongTake(f"{path} cannot be read as a field: {clause(error)}.", again) from error
     try:
