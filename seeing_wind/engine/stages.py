@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from .observe.steady import Steady
     from .recovery.paper.losses import MotionLoss
 
-FILES = ("mask", "outline", "tracks", "depth", "camera", "pin")
+FILES = ("mask", "outline", "tracks", "depth", "camera", "pin", "outline_model")
 """Fields of `ObserveSettings` that are paths of files."""
 
 LIFTED = "lifted.npz"
@@ -81,7 +81,7 @@ def observation_stamp(clip: str, settings: ObserveSettings) -> str:
     for field, file in contents:
         if file.is_file() and file.stat().st_size > LARGEST_ARRAYS:
             raise UsageError(f"The file {file} of --{field} is too large: {file.stat().st_size / 1e9:.3g} GB.", "Give that of this clip.")
-    words = dataclasses.replace(settings, mask=None, outline=None, tracks=None, depth=None, camera=None, pin=None)
+    words = dataclasses.replace(settings, mask=None, outline=None, tracks=None, depth=None, camera=None, pin=None, outline_model=None)
     return stamp_of("observe", VERSION, words, *files_of(clip, settings.frames), *(part for pair in contents for part in pair))
 
 

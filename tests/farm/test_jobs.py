@@ -244,6 +244,8 @@ def test_options_become_words(workplace):
         ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nrecover = { mask = "m.png" }', r'mask of "job 1": there is no file'),
         ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nrecover = { mask = ["m.png"] }', r'is \["m.png"\]\. Write the path of one file in'),
         ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nrecover = { material = 3 }', r'is 3\. Write the name of one material, such as "leaf"'),
+        ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nrecover = { outline_model = "n.tgz" }', r'outline_model of "job 1": there is no file'),
+        ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nrecover = { outline_model = 3 }', r'outline_model in recover of "job 1" is 3'),
         (VIEW.replace("side.json", "none.json"), r'view of "job 1": there is no file \S*none\.json'),
         (VIEW.replace("side.mp4", "none.mp4"), r'view of "job 1": there is no file \S*none\.mp4'),
         (VIEW.replace('view = ["side.mp4", ', "view = ["), r'view in recover of "job 1" is \["side.json", "side.png"\]'),
@@ -300,6 +302,15 @@ def test_a_file_that_a_job_above_makes_need_not_be_there(workplace: Path) -> Non
     (workplace / "jobs.toml").write_text(below + TABLE.format("a"))
     with pytest.raises(UsageError, match='pin of "b": there is no file'):
         read_jobs(workplace / "jobs.toml")
+
+
+def test_a_network_is_found_from_the_file_of_jobs_and_none_is_no_file(workplace: Path) -> None:
+    (workplace / "net.tgz").touch()
+    for said, meant in (('"net.tgz"', str(workplace / "net.tgz")), ('"none"', "none"), ("false", "none")):
+        (workplace / "jobs.toml").write_text(f'[[job]]\ntake = "t"\nclip = "clip.mp4"\nrecover = {{ outline_model = {said} }}')
+        (job,) = read_jobs(workplace / "jobs.toml")
+        assert job.recover["outline_model"] == meant
+        assert [key for key, _ in job.named_files()] == (["outline_model"] if meant != "none" else [])
 
 
 def test_further_views_are_found_from_the_file_of_jobs(workplace: Path) -> None:

@@ -214,7 +214,7 @@ def observe_settings(arguments: argparse.Namespace) -> ObserveSettings:
     settings = settings_of(ObserveSettings, arguments, recognise=sheet or unknown)
     if settings.outline_model is None and settings.mask_model is None:
         return dataclasses.replace(settings, outline_model=installed_network())
-    return dataclasses.replace(settings, outline_model=None) if settings.outline_model == NO_NETWORK else settings
+    return dataclasses.replace(settings, outline_model=None) if (settings.outline_model or "").strip().lower() == NO_NETWORK else settings
 
 
 def properties_of(arguments: argparse.Namespace) -> dict[str, Any]:

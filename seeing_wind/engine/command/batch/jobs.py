@@ -28,6 +28,7 @@ from ...errors import NO_PATH, MaterialError, TakeError, UsageError
 from ...materials import DEFAULT, find
 from ...settings import ObserveSettings, RecoverSettings, options_of
 from ...settings.mapping import shown
+from ...settings.observe import NO_NETWORK
 from ...settings.tables import names_in, read_users_toml, tables_of
 from .words import check_kinds, in_keys, views_of, words_of
 
@@ -36,6 +37,8 @@ FILES = {"objects", *(one.name for one in options_of(ObserveSettings).values() i
 """Options of `recover` that are paths of files."""
 FOLDERS = {one.name for one in options_of(RecoverSettings).values() if one.folder}
 """Options of `recover` that are paths of folders."""
+NO_FILE = {"outline_model": NO_NETWORK}
+"""Words that stand in the place of a file."""
 SWITCHES = {"no_gravity"}
 """Options of `recover` that take no value."""
 FIELD = "field.safetensors"
@@ -92,8 +95,7 @@ class Job:
 
     def named_files(self) -> list[tuple[str, Path]]:
         """The files and folders that the options of `recover` name, each as (option, path)."""
-        keys = sorted((FILES | FOLDERS) & self.recover.keys())
-        named = [(key, Path(self.recover[key])) for key in keys if isinstance(self.recover[key], str)]
+        named = [(key, Path(value)) for key, value in sorted(self.recover.items()) if _is_path(key, value)]
         return named + [("view", Path(word)) for view in self.recover.get("view", ()) for word in view]
 
     def takes_made(self) -> bool:
@@ -259,10 +261,16 @@ def _job(table: dict[str, Any], number: int, path: Path) -> Job:
             what = f'name of one material, such as "{DEFAULT}",' if key == "material" else of_path
             raise UsageError(f"{key} in recover of {name} is {shown(options[key])}.", f"Write the {what} in quotation marks.")
     check_kinds(options, name)
-    options = {key: _beside(home, value) if key in named and isinstance(value, str) else value for key, value in options.items()}
+    options = {key: NO_FILE[key] if value is False and key in NO_FILE else value for key, value in options.items()}
+    options = {key: _beside(home, value) if _is_path(key, value) else value for key, value in options.items()}
     if "view" in options:
         options["view"] = [[_beside(home, word) for word in view] for view in views_of(options["view"], name)]
     return Job(name=table.get("name", f"job {number}"), recover=options, **paths)
+
+
+def _is_path(key: str, value: Any) -> bool:
+    """Whether the option `key` of `recover` names a file or a folder by its `value`."""
+    return key in FILES | FOLDERS and isinstance(value, str) and value != NO_FILE.get(key)
 
 
 def _check_places(paths: dict[str, Path], name: str) -> None:
@@ -292,7 +300,7 @@ def _is_there(key: str, path: Path) -> bool:
     """Whether what the option `key` names exists: a file, a folder, or the images of a further view."""
     if key in FOLDERS:
         return path.is_dir()
-    return path.is_file() or (key == "view" and _is_sequence(path) and bool(image_files(str(path))))
+    return path.is_file() or (key in NO_FILE and path.is_dir()) or (key == "view" and _is_sequence(path) and bool(image_files(str(path))))
 
 
 def _is_sequence(clip: Path) -> bool:

@@ -6,6 +6,7 @@ their weights; running it runs no code from the file.
 
 from __future__ import annotations
 
+import gzip
 import os
 import tarfile
 import zlib
@@ -16,6 +17,7 @@ import cv2
 import numpy as np
 
 from ...errors import MissingPackage, WrongModel
+from ...settings.observe import NETWORK_VARIABLE
 from ..mask.cutting import tidy
 from ..mask.motion import Window, cut, paste, window_of, within
 from .catalogue import known
@@ -151,15 +153,16 @@ def _files(path: str) -> tuple[bytes, bytes]:
             found = {name: (Path(path) / name).read_bytes() for name in wanted if (Path(path) / name).is_file()}
         else:
             found = {}
-            with tarfile.open(path, "r:*") as archive:  # nothing is unpacked to disk
+            with gzip.open(path) as plain, tarfile.open(fileobj=plain, mode="r:") as archive:  # nothing is unpacked to disk
                 for member in archive:
                     name = member.name.rsplit("/", 1)[-1]
                     content = archive.extractfile(member) if name in wanted and member.isfile() and member.size <= MOST else None
                     if content is not None:
                         found[name] = content.read()
-    except tarfile.TarError as error:
-        raise WrongModel(f"{path} is neither a folder nor a whole archive.", _how()) from error
-    except (OSError, ValueError, EOFError, zlib.error) as error:
+                plain.read(MOST)  # to the end, where the checksum is
+    except (tarfile.TarError, gzip.BadGzipFile, EOFError, zlib.error) as error:
+        raise WrongModel(f"{path} is neither a folder nor a whole .tgz.", _how()) from error
+    except (OSError, ValueError) as error:
         raise WrongModel(f"The network {path} cannot be read: {error}.", _how()) from error
     if len(found) < len(wanted):
         raise WrongModel(f"There is no {' and no '.join(name for name in wanted if name not in found)} in {path}.", _how())
@@ -168,4 +171,5 @@ def _files(path: str) -> tuple[bytes, bytes]:
 
 def _how() -> str:
     entry = known(NAME)
-    return f"Get it by `{entry.how if entry else NAME}`, and give the .tgz; or give --outline-model none."
+    named = f" {NETWORK_VARIABLE} is set." if os.environ.get(NETWORK_VARIABLE) else ""
+    return f"Get it by `{entry.how if entry else NAME}`, and give the .tgz; or give --outline-model none.{named}"

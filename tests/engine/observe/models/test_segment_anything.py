@@ -31,6 +31,7 @@ from seeing_wind.engine.observe.models.segment_anything import SegmentAnything  
 from seeing_wind.engine.progress import NoProgress, Progress  # noqa: E402
 from seeing_wind.engine.settings import ObserveSettings  # noqa: E402
 from seeing_wind.engine.settings.observe import NETWORK_VARIABLE, installed_network  # noqa: E402
+from seeing_wind.engine.stages import observation_stamp  # noqa: E402
 
 FRAME = np.random.default_rng(0).integers(0, 255, (90, 160, 3), dtype=np.uint8)
 
@@ -96,6 +97,9 @@ def test_wrong_files_are_refused(tmp_path: Path, folder: Path, archive: Path) ->
     text.write_text("no archive")
     halved = tmp_path / "halved.tgz"
     halved.write_bytes(archive.read_bytes()[: archive.stat().st_size // 2])
+    data = bytearray(archive.read_bytes())
+    data[len(data) // 2] ^= 255
+    (bent := tmp_path / "bent.tgz").write_bytes(data)
     cut = tmp_path / "cut.tgz"
     with tarfile.open(cut, "w:gz") as packed:
         packed.add(folder / "sam.onnx", "package/dist/sam.onnx")
@@ -109,8 +113,9 @@ def test_wrong_files_are_refused(tmp_path: Path, folder: Path, archive: Path) ->
         (rubbish / name).write_bytes(b"rubbish")
     for path, said in (
         (tmp_path / "none.tgz", "There is no network at"),
-        (text, "neither a folder nor a whole archive"),
-        (halved, "cannot be read|neither a folder nor a whole archive"),
+        (text, "neither a folder nor a whole .tgz"),
+        (halved, "neither a folder nor a whole .tgz"),
+        (bent, "neither a folder nor a whole .tgz"),
         (cut, "no encoder.onnx"),
         (swapped, "another network"),
         (rubbish, "cannot be loaded"),
@@ -124,6 +129,20 @@ def test_a_huge_member_is_not_read(archive: Path, monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(segment_anything, "MOST", 100)
     with pytest.raises(WrongModel, match="no encoder.onnx and no sam.onnx"):
         SegmentAnything(str(archive))
+
+
+def test_an_observation_is_the_same_wherever_the_network_lies_and_another_with_another_network(
+    disc: Scene, archive: Path, folder: Path, tmp_path: Path
+) -> None:
+    (moved := tmp_path / "moved.tgz").write_bytes(archive.read_bytes())
+    (other := tmp_path / "other.tgz").write_bytes(b"another")
+    settings = ObserveSettings(box=disc.box, distance=1.5)
+
+    def stamp(path: Path | None) -> str:
+        return observation_stamp(str(disc.path), replace(settings, outline_model=None if path is None else str(path)))
+
+    assert stamp(archive) == stamp(moved)
+    assert len({stamp(archive), stamp(other), stamp(None)}) == 3
 
 
 class Shown:
