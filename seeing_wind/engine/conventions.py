@@ -114,16 +114,29 @@ def in_the_way(path: Path) -> Path | None:
     return next((part for part in (path, *path.parents) if os.path.exists(part) and not os.path.isdir(part)), None)
 
 
-FRAME = re.compile(r"\bframe (\d+)\b(?! of the file)")
-"""A frame as `frame_named` writes it."""
+FRAME = re.compile(r"(?<![\w/\\-])frame (0|[1-9]\d*)\b(?: to frame (\d+)\b)?(?! (?:to \d+ )?of the file)(?![./\\-]\S)")
+"""A frame, or a span of frames, as `frame_named` and `frames_named` write it; what is part of a file's name is none."""
+FRAME_OF_FILE = re.compile(r"\bframe (\d+)(?: to (\d+))? of the file\b")
+"""The same as `as_in_file` writes it."""
 
 
 def frame_named(t: int) -> str:
-    """The name, in a message, of frame t of a clip, counted from the first frame used: the panel replaces it by the scene's frame.
-
-    Frames counted from the beginning of the file, as in --frames, are called frames of the file.
-    """
+    """The name, in a message, of frame t of a clip, counted from the first frame used: see `as_in_file`."""
     return f"frame {t}"
+
+
+def as_in_file(text: str, first_frame: int) -> str:
+    """A text about a clip with its frames counted from the beginning of the file, as --frames and all other options count them.
+
+    The engine counts from `first_frame`, the first that is used, and so the text is changed where it leaves the engine. The panel replaces
+    both ways of counting by the scene's.
+    """
+
+    def counted_anew(found: re.Match[str]) -> str:
+        last = f" to {first_frame + int(found[2])}" if found[2] else ""
+        return f"frame {first_frame + int(found[1])}{last} of the file"
+
+    return FRAME.sub(counted_anew, text)
 
 
 def frames_named(first: int, last: int) -> str:

@@ -54,6 +54,10 @@ class Progress:
         """A `Progress` for the same stage that also adds to `told` every warning that no verdict repeats."""
         return _Noting(self, told)
 
+    def worded(self, words: Callable[[str], str]) -> Progress:
+        """A `Progress` for the same stage that tells every warning in the words that `words` makes of it."""
+        return _Worded(self, words)
+
     def warn(self, message: str, judged: bool = False) -> None:
         """Tell the user something that does not stop the job; `judged`: a verdict of the preview says the same."""
         self._emit({"type": "warning", "stage": self.stage, "message": message})
@@ -92,6 +96,15 @@ class _Noting(_Part):
         super().warn(message, judged)
         if not judged:
             self._told.append(message)
+
+
+class _Worded(_Part):
+    def __init__(self, whole: Progress, words: Callable[[str], str]) -> None:
+        super().__init__(whole, 0.0, 1.0)
+        self._words = words
+
+    def warn(self, message: str, judged: bool = False) -> None:
+        super().warn(self._words(message), judged)
 
 
 class _Quiet(Progress):

@@ -12,7 +12,7 @@ from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
 import numpy as np
 
-from .conventions import DRAFT, distrusted
+from .conventions import DRAFT, as_in_file, distrusted
 from .errors import UsageError, WrongTake, clause
 from .reading import check_record, parse_json
 from .records import Body, Recovery
@@ -20,8 +20,8 @@ from .take import Take
 
 R = TypeVar("R")
 
-TRAJECTORY = "trajectory.npz"
-"""File of a take with its recovery: the simulated motion and the forces."""
+OBSERVATION, TRAJECTORY = "observation.npz", "trajectory.npz"
+"""Files of a take with what was observed in its clip, and with its recovery: the simulated motion and the forces."""
 
 
 def to_arrays(record: Any, prefix: str = "") -> dict[str, np.ndarray]:
@@ -125,11 +125,27 @@ def read_recovery(take: Take) -> Recovery:
 
 
 def useless_notes(trajectory: Path) -> list[str]:
-    """The notes of a recovery's file that call its field useless, without reading the rest of it; or that they cannot be read."""
+    """The notes of a recovery's file that call its field useless, without reading the rest of it; or that they cannot be read.
+
+    Their frames are counted as in the clip's file, if the field is from a clip.
+    """
     try:
-        return distrusted(_notes_in(trajectory))
+        notes = distrusted(_notes_in(trajectory))
+        first = _first_frame(trajectory.with_name(OBSERVATION)) if notes else None
     except WrongTake as error:
         return [str(error)]
+    return notes if first is None else [as_in_file(note, first) for note in notes]
+
+
+def _first_frame(observation: Path) -> int | None:
+    """The first frame of its clip that an observation's file covers; None if there is no such file. Raises WrongTake if it is damaged."""
+    if not observation.is_file():
+        return None
+    try:
+        with np.load(observation, allow_pickle=False) as arrays:
+            return int(arrays["first_frame"])
+    except (KeyError, OSError, ValueError, TypeError, zipfile.BadZipFile) as error:
+        raise WrongTake(f"The first frame in {observation} cannot be read ({clause(error)}).", "Run `recover` again.") from error
 
 
 def is_draft(trajectory: Path) -> bool:

@@ -23,7 +23,7 @@ from seeing_wind.engine.settings import ObserveSettings
 from seeing_wind.engine.settings.tables import read_edit
 from seeing_wind.engine.stages import observe_stage
 from seeing_wind.engine.take import Take
-from tests.engine.command_line import clip, in_a_process_of_its_own
+from tests.engine.command_line import FLAT, clip, in_a_process_of_its_own
 
 
 @pytest.mark.parametrize(
@@ -160,6 +160,24 @@ def test_what_observe_has_told_is_in_the_notes_of_the_recovery_that_goes_on_from
     (severe,) = [place for place, note in enumerate(notes) if note.startswith("Outline: ")]
     (known,) = [place for place, note in enumerate(notes) if note.startswith("The force has a knot every")]
     assert severe < known < notes.index(told) and notes.count(told) == 1
+
+
+def test_frames_are_counted_as_the_options_count_them(engine, tmp_path: Path) -> None:
+    writer = cv2.VideoWriter(str(tmp_path / "gone.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 25.0, (64, 48))
+    for t in range(14):
+        frame = FLAT.copy()
+        frame[14:34, 4 + 6 * t : 24 + 6 * t] = 220  # past the right edge from frame 10 on
+        writer.write(frame)
+    writer.release()
+    words = [tmp_path / "gone.avi", "--take", tmp_path / "t.take", "--box", 22, 14, 42, 34, "--distance", 2, "--frames", "3:13"]
+    messages = engine("observe", *words, expect=0)
+    gone = "The object is out of sight in 4 of 11 frames, first in frame 10 of the file."
+    assert any(one["message"] == gone for one in messages if one["type"] == "warning")
+    (sight,) = [one for one in messages[-1]["verdicts"] if one["item"] == "sight"]
+    assert sight["because"] == gone and "--frames 3:9" in sight["do"]
+    result = engine("recover", *words, "--iterations", 1, "--representation", "point", "--report", "none", expect=0)[-1]
+    assert any(f"Sight: {gone}" in note for note in result["notes"])
+    assert any("seen from frame 7 to 13 of the file" in note for note in result["notes"])
 
 
 def test_the_take_is_no_folder_of_the_clip_s_frames(engine, tmp_path: Path) -> None:

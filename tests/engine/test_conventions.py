@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from seeing_wind.engine.conventions import SCALES, in_figures, in_units, weight_in_words
+from seeing_wind.engine.conventions import SCALES, as_in_file, frame_named, frames_named, in_figures, in_units, weight_in_words
 
 
 @pytest.mark.parametrize(
@@ -43,3 +43,17 @@ def test_what_is_told_is_the_value(unit: str) -> None:
 
 def test_a_leaf_and_a_carpet_are_weighed() -> None:
     assert weight_in_words(0.112, 0.01) == "112 g/m², 1.12 g" and weight_in_words(2.4, 6.0) == "2.4 kg/m², 14.4 kg"
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (f"It is first seen in {frame_named(4)}.", "It is first seen in frame 14 of the file."),
+        (f"From {frame_named(7)} on, or {frames_named(3, 5)}: a guess.",
+         "From frame 17 of the file on, or from frame 13 to 15 of the file: a guess."),
+        ("Frames are missing between frame 0004.png and frame 6.png in /clips/frame 3/left.", ""), ("Give --outline-frame 4.", ""),
+    ],
+)  # fmt: skip
+def test_frames_of_a_clip_are_counted_as_in_its_file(text: str, said: str) -> None:
+    assert as_in_file(text, 10) == (said or text)
+    assert as_in_file(as_in_file(text, 10), 10) == (said or text), "once is enough"

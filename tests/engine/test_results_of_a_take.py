@@ -87,6 +87,19 @@ def test_a_useless_field_is_told_and_used_all_the_same(engine, windy: Path, tmp_
             assert [one for one in said if DISTRUST in one or "draft" in one] == told
 
 
+def test_a_useless_field_of_a_clip_is_told_with_its_frames_counted_as_in_the_file(engine, windy: Path, tmp_path: Path) -> None:
+    notes = [f"In frame 3 it is 48 pixels off. {DISTRUST}: check."]
+    Take(windy).write_arrays("trajectory.npz", {"notes": np.array(json.dumps(notes))})
+    sample = ["sample", windy, "--points", tmp_path / "p.npy", "--frame", 0, "--out", tmp_path / "o.npz"]
+    for first, told in ((None, notes), (20, [f"In frame 23 of the file it is 48 pixels off. {DISTRUST}: check."])):
+        if first is not None:
+            Take(windy).write_arrays("observation.npz", {"first_frame": np.array(first)})
+        assert [one["message"] for one in engine(*sample, expect=0) if one["type"] == "warning" and DISTRUST in one["message"]] == told
+    Take(windy).file("observation.npz").write_bytes(b"no arrays")
+    said = " ".join(one.get("message", "") for one in engine(*sample, expect=0))
+    assert "The first frame in" in said and "cannot be read" in said
+
+
 def test_a_further_field_that_is_none_is_refused_before_a_batch(engine, windy: Path, tmp_path: Path) -> None:
     (tmp_path / "flag.obj").write_text("v 0 0 0\nv 0.1 0 0\nv 0 0.1 0\nv 0.1 0.1 0\nf 1 2 4 3\n")
     body = '[[body]]\nname = "flag"\nmesh = "flag.obj"\nmaterial = "cotton"\n'

@@ -110,7 +110,7 @@ def observe(options: list[str]) -> dict[str, object]:
     verdicts = [
         {"item": "scale", "verdict": "doubtful", "severity": 0.9, "because": "No length is known.", "do": "Give one."},
         {"item": "held place", "verdict": "doubtful", "severity": 0.5, "because": "None is marked.", "do": "Give it with --pin."},
-        {"item": "outline", "verdict": "good", "severity": 0.0, "because": "It lies within the box.", "do": ""},
+        {"item": "outline", "verdict": "good", "severity": 0.0, "because": "It lies within the box in frame 3 of the file.", "do": ""},
         {"item": "time", "verdict": "good", "severity": 0.0, "because": "The solve takes about 2 minutes on this machine.", "do": ""},
     ]
     return {"outcome": "converged", "verdicts": verdicts, "files": ["preview.png", "preview.mp4", "held.png"]}

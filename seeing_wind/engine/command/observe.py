@@ -21,6 +21,7 @@ from ..take import Take
 from .arguments import observe_settings, settings_of
 from .inputs import inputs_of, refuse_of_another
 from .lock import held
+from .reporting import counting_in_file
 
 if TYPE_CHECKING:
     from ..observe.clip.frames import Copies
@@ -43,22 +44,26 @@ def observe(arguments: argparse.Namespace, progress: Progress) -> dict[str, Any]
     settings = observe_settings(arguments)
     started = time.perf_counter()
     refuse_of_another(Take(arguments.take), arguments.clip)
-    holding = held(Take(arguments.take), arguments.verb, progress, inputs_of(arguments))
-    with holding as take, ThreadPoolExecutor(1) as beside, ThreadPoolExecutor(1) as reading:
+    with (
+        counting_in_file(arguments, progress) as told,
+        held(Take(arguments.take), arguments.verb, progress, inputs_of(arguments)) as take,
+        ThreadPoolExecutor(1) as beside,
+        ThreadPoolExecutor(1) as reading,
+    ):
         # Importing the code that builds bodies takes most of a second, about as long as reading the clip.
         beside.submit(import_module, "..observe.object.body", __package__)
         film = _Film()
-        seen, _ = observe_stage(take, arguments.clip, settings, progress, watch=film.add)
+        seen, _ = observe_stage(take, arguments.clip, settings, told, watch=film.add)
         duration = beside.submit(_time, seen, arguments)
-        frames = reading.submit(film.frames, seen, progress)
+        frames = reading.submit(film.frames, seen, told)
         proposed = None if seen.pin.any() else propose_held(seen)
-        progress.begin("preview", "drawing")
-        _draw_film(take, seen, proposed, frames, progress)
-        verdicts = judge(seen, settings, proposed, duration.result())
+        told.begin("preview", "drawing")
+        _draw_film(take, seen, proposed, frames, told)
+        verdicts = [one.as_in_file(seen.first_frame) for one in judge(seen, settings, proposed, duration.result())]
         _draw_first(take, seen, proposed, verdicts)
         for one in verdicts:
             if one.severity > 0.0:
-                progress.warn(f"{one.item}: doubtful because {one.because[0].lower()}{one.because[1:]} {one.do}".strip())
+                told.warn(f"{one.item}: doubtful because {one.because[0].lower()}{one.because[1:]} {one.do}".strip())
         files = [IMAGE, FILM, *([HELD] if proposed is not None else [])]
         found = {"verdicts": [one.as_json() for one in verdicts], "files": files}
         take.write_json("preview.json", found)

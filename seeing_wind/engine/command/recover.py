@@ -9,6 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ..conventions import as_in_file
 from ..errors import ObjectError, UsageError
 from ..progress import Journal, Progress
 from ..records import Body, Observation, Outcome, Recovery, TrackTargets
@@ -20,7 +21,7 @@ from .checks import check_files, check_options, check_recovery, of_view
 from .inputs import inputs_of, refuse_foreign, refuse_of_another
 from .join import join
 from .lock import held
-from .reporting import diverged_result, report_result
+from .reporting import counting_in_file, diverged_result, report_result
 
 if TYPE_CHECKING:
     from ..field import ForceField
@@ -123,8 +124,8 @@ def recover_one(arguments: argparse.Namespace, progress: Progress) -> Result:
     """Recover one object of a clip into one take."""
     # Errors in the options are reported before the work begins and before a folder is made.
     settings, endpoint = check_recovery(arguments, progress)
-    with held(Take(arguments.take), arguments.verb, progress, inputs_of(arguments)) as take:
-        return _recover_into(take, arguments, settings, endpoint, progress)
+    with counting_in_file(arguments, progress) as told, held(Take(arguments.take), arguments.verb, progress, inputs_of(arguments)) as take:
+        return _recover_into(take, arguments, settings, endpoint, told)
 
 
 def _recover_into(
@@ -167,10 +168,12 @@ def _recover_into(
             take, body.particles, body.material, targets, observation.fps, upstream, settings, progress, loss
         )
         if fitted is None:
-            return diverged_result(dataclasses.replace(recovery, notes=worst_first([*severe, *asked, *recovery.notes, *doubtful])))
+            notes = [as_in_file(note, observation.first_frame) for note in worst_first([*severe, *asked, *recovery.notes, *doubtful])]
+            return diverged_result(dataclasses.replace(recovery, notes=notes))
         field = fitted
         wind = wind_stage(take, body, body.particles, body.material, recovery, observation.fps, blown, settings, progress)
     notes = worst_first([*severe, *asked, *wind.notes, *recovery.notes, *doubtful])
+    notes = [as_in_file(note, observation.first_frame) for note in notes]
     recovery = dataclasses.replace(recovery, notes=notes)
 
     def draw(journal: Journal) -> dict[str, Any]:

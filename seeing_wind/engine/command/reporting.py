@@ -1,15 +1,18 @@
 """The end of a recovery: drawing the report, and the result that the verb sends. Whatever fails here, the field is already in the take.
 
-Other verbs repeat from here what the recovery's notes say against the field.
+Other verbs repeat from here what the recovery's notes say against the field, and count frames as the options do.
 """
 
 from __future__ import annotations
 
+import argparse
 import contextlib
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any
 
+from ..conventions import as_in_file
 from ..errors import SeeingWindError, WrongTake
 from ..progress import Cancelled, Journal, Progress
 from ..record_arrays import TRAJECTORY, is_draft, useless_notes
@@ -46,6 +49,17 @@ def report_result(take: Take, recovery: Recovery, level: str, clip: str, draw: D
         progress.warn(warning)
         found = {"outcome": recovery.outcome.value, "iterations": recovery.iterations, "notes": recovery.notes}
         return _summary(found, take) | {"warnings": [*distrusted(recovery.notes), warning]}
+
+
+@contextlib.contextmanager
+def counting_in_file(arguments: argparse.Namespace, progress: Progress) -> Iterator[Progress]:
+    """A `Progress` for a verb on a clip whose warnings count frames as --frames does; so do the errors that leave the context."""
+    words = partial(as_in_file, first_frame=arguments.frames[0] if arguments.frames is not None else 0)
+    try:
+        yield progress.worded(words)
+    except SeeingWindError as error:
+        error.message, error.hint = words(error.message), words(error.hint)
+        raise
 
 
 def warn_of_field(take: Take, progress: Progress) -> None:

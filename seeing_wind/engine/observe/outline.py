@@ -124,11 +124,10 @@ def _corrections(steady: Steady) -> tuple[dict[int, np.ndarray], dict[int, Marks
     }
     if settings.outline is None:
         return {}, marks
-    place = settings.outline_frame - clip.first_frame
+    place, last = settings.outline_frame - clip.first_frame, clip.first_frame + count - 1
     if not 0 <= place < count:
         raise UsageError(
-            f"--outline-frame: frame {settings.outline_frame} of the file lies outside the clip's frames {clip.first_frame} to "
-            f"{clip.first_frame + count - 1}.",
+            f"--outline-frame: {settings.outline_frame} lies outside the clip's frames {clip.first_frame} to {last}.",
             "Count from 0, as --frames does.",
         )
     outline = lens.straight_map(read_mask(settings.outline, height, width, "outline"))

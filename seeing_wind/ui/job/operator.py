@@ -13,6 +13,7 @@ import bpy
 from bpy.app.handlers import persistent
 
 from ...engine.errors import WRONG_INPUT, SeeingWindError
+from ..clip.inputs.clips import first_clip_frame
 from ..clip.inputs.pace import pace_of_scene
 from . import console, notes, status, worker
 from .panel_words import in_scene_frames
@@ -160,8 +161,8 @@ class JobOperator:
         return running.exit
 
     def _take_in(self, running: Running, scene: bpy.types.Scene) -> list[worker.Message]:
-        frame_of = pace_of_scene(scene).frame_of
-        batch = [_in_scene_frames(message, frame_of) for message in running.poll()]
+        frame_of, first = pace_of_scene(scene).frame_of, first_clip_frame(scene.seeing_wind)
+        batch = [_in_scene_frames(message, frame_of, first) for message in running.poll()]
         news = [status.receive(status.of(self.key), self.step, message) for message in batch]
         if self.console is not None:
             for message in batch:
@@ -250,11 +251,11 @@ class SEEING_WIND_OT_cancel(bpy.types.Operator):
         return {"FINISHED"}
 
 
-def _in_scene_frames(message: worker.Message, frame_of: Callable[[int], int]) -> worker.Message:
+def _in_scene_frames(message: worker.Message, frame_of: Callable[[int], int], first_frame: int) -> worker.Message:
     """A warning or error with the scene's frame numbers; other messages, such as progress, keep those of the clip."""
     if message["type"] not in ("warning", "error"):
         return message
-    return message | {key: in_scene_frames(str(message[key]), frame_of) for key in ("message", "hint") if key in message}
+    return message | {key: in_scene_frames(str(message[key]), frame_of, first_frame) for key in ("message", "hint") if key in message}
 
 
 def blocks(context) -> bool:

@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from ...engine.conventions import FRAME, in_units
+from ...engine.conventions import FRAME, FRAME_OF_FILE, frame_named, in_units
 from ...engine.settings import BuildSettings, ObserveSettings, RecoverSettings, WindSettings, options_of
 
 STAGES = (ObserveSettings, BuildSettings, RecoverSettings, WindSettings)
@@ -19,9 +19,21 @@ LABELS = {
 """Panel labels of command-line options, including those for which the panel has something else."""
 
 
-def in_scene_frames(text: str, frame_of: Callable[[int], int]) -> str:
-    """The text with each clip frame number, counted from the first clip frame used, replaced by the number of the scene frame."""
-    return FRAME.sub(lambda found: f"frame {frame_of(int(found[1]))}", text)
+def in_scene_frames(text: str, frame_of: Callable[[int], int], first_frame: int) -> str:
+    """The text with the number of each clip frame replaced by that of the scene frame.
+
+    Args:
+        frame_of: from a clip frame, counted from the first one used, to its scene frame.
+        first_frame: that first one, where "frame 12 of the file" counts from the file's beginning; see `conventions.as_in_file`.
+    """
+
+    def from_first(found: re.Match[str]) -> str:
+        return " to ".join(frame_named(int(number) - first_frame) for number in found.groups() if number)
+
+    def in_scene(found: re.Match[str]) -> str:
+        return " to ".join(frame_named(frame_of(int(number))) for number in found.groups() if number)
+
+    return FRAME.sub(in_scene, FRAME_OF_FILE.sub(from_first, text))
 
 
 def in_panel_words(text: str) -> str:

@@ -44,7 +44,9 @@ def notes(scene: bpy.types.Scene, folder: Path) -> list[str]:
     property of the scene holds that), then the scene's warnings."""
     take = Take(folder)
     told, frame_of = wind_told(take), pace_of_scene(scene).frame_of
-    own = [in_panel_words(in_scene_frames(note, frame_of)) for note in recovery_notes(take) if told is None or note not in told.notes]
+    own = [note for note in recovery_notes(take) if told is None or note not in told.notes]
+    first = field_summary(take).first_frame if own else 0
+    own = [in_panel_words(in_scene_frames(note, frame_of, first)) for note in own]
     return own + status.of(scene.session_uid).warnings
 
 
@@ -83,8 +85,8 @@ def build(scene: bpy.types.Scene, folder: Path, clip: str = "") -> bool:
         setattr(settings, name, kept.get(name))
     if settings.real_time:
         conform(scene, settings.field_object, True)
-    frame_of = pace_of_scene(scene).frame_of
-    settings.field_verdict = " ".join(in_panel_words(in_scene_frames(note, frame_of)) for note in told.notes) if told is not None else ""
+    frame_of, said = pace_of_scene(scene).frame_of, told.notes if told is not None else ()
+    settings.field_verdict = " ".join(in_panel_words(in_scene_frames(note, frame_of, field.first_frame)) for note in said)
     settings.answers_gravity = any(note.startswith(UNHELD) for note in recovery_notes(take))
     filled = seen is not None and fill(scene, take, path)
     _clear_the_view(scene)

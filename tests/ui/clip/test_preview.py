@@ -45,6 +45,12 @@ def test_what_is_seen_is_shown_the_worst_first(scene, marked) -> None:
     assert len(marked.verdicts) == 4 and marked.preview_image == image and len(bpy.data.images) == 1
 
 
+def test_frames_of_the_file_are_shown_as_those_of_the_scene(scene, marked) -> None:
+    marked.use_frames, marked.frames, marked.frame_start = True, (2, 8), 101
+    assert bpy.ops.seeing_wind.preview() == {"FINISHED"}
+    assert marked.verdicts[2].because == "It lies within the box in frame 102."
+
+
 def test_the_panel_offers_the_held_place_that_was_seen_until_one_is_marked(scene, marked) -> None:
     def drawn() -> Drawn:
         layout = Drawn()
@@ -111,7 +117,7 @@ def test_what_was_foreseen_of_the_solve_holds_until_the_material_or_the_held_pla
     assert bpy.ops.seeing_wind.preview() == {"FINISHED"}
     assert fresh in said()
     material, marked.material = marked.material, "steel"
-    assert outdated in said() and fresh not in said() and "Outline: It lies within the box." in said()
+    assert outdated in said() and fresh not in said() and "Outline: It lies within the box" in said()
     marked.material = material
     assert fresh in said()
     marked.gravity_mode = "NONE"

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from seeing_wind.engine.conventions import frame_named
+from seeing_wind.engine.conventions import as_in_file, frame_named, frames_named
 from seeing_wind.engine.observe.mask.from_box import NEITHER
 from seeing_wind.engine.progress import in_words
 from seeing_wind.ui.clip.inputs.pace import Pace
@@ -59,13 +59,15 @@ def test_flags_are_called_as_the_panel_calls_them() -> None:
 
 def test_frames_are_those_of_the_scene() -> None:
     frame_of = Pace(1001, 1.25).frame_of
-    sight = f"The object is out of sight in 5 of 40 frames, first in {frame_named(8)}."
-    assert in_scene_frames(sight, frame_of) == "The object is out of sight in 5 of 40 frames, first in frame 1011."
+    sight = as_in_file(f"The object is out of sight in 5 of 40 frames, first in {frame_named(8)}.", 20)
+    assert in_scene_frames(sight, frame_of, 20) == "The object is out of sight in 5 of 40 frames, first in frame 1011."
+    unseen = as_in_file(f"Nothing of the object is seen {frames_named(4, 8)}: a guess.", 20)
+    assert in_scene_frames(unseen, frame_of, 20) == "Nothing of the object is seen from frame 1006 to frame 1011: a guess."
     going = {"type": "progress", "message": "Following the object, frame 13 to 26 of 26"}
-    assert operator._in_scene_frames(going, frame_of) == going, "that is how far it is in the clip"
-    assert operator._in_scene_frames({"type": "warning", "message": "In frame 4"}, frame_of)["message"] == "In frame 1006"
+    assert operator._in_scene_frames(going, frame_of, 20) == going, "that is how far it is in the clip"
+    assert operator._in_scene_frames({"type": "warning", "message": "In frame 24 of the file"}, frame_of, 20)["message"] == "In frame 1006"
     broken = f"Particle 3 was turned inside out in {frame_named(4)}, substep 7 of 20."
-    assert in_scene_frames(broken, frame_of) == "Particle 3 was turned inside out in frame 1006, substep 7 of 20."
+    assert in_scene_frames(broken, frame_of, 20) == "Particle 3 was turned inside out in frame 1006, substep 7 of 20.", "of a re-simulation"
 
 
 def test_what_the_engine_says_of_a_finished_stage_is_what_the_panel_waits_for() -> None:

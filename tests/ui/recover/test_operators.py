@@ -9,7 +9,7 @@ import bpy
 import numpy as np
 import pytest
 
-from seeing_wind.engine.conventions import UNHELD, frame_named
+from seeing_wind.engine.conventions import UNHELD, as_in_file, frame_named
 from seeing_wind.engine.take import Take
 from seeing_wind.ui import freshness
 from seeing_wind.ui.bake.motion import is_intact
@@ -44,7 +44,8 @@ def test_what_the_recovery_says_of_itself_is_in_the_panel(workplace, scene) -> N
     recover(workplace)
     report = workplace / "out.take" / "report.json"
     said = json.loads(report.read_text())
-    report.write_text(json.dumps({**said, "notes": ["Nothing was marked as held.", f"In {frame_named(3)} it is far off."]}))
+    notes = ["Nothing was marked as held.", as_in_file(f"In {frame_named(3)} it is far off.", 20)]
+    report.write_text(json.dumps({**said, "clip": {**said["clip"], "first_frame": 20}, "notes": notes}))
     scene.seeing_wind.frame_start = 101
     bpy.ops.seeing_wind.build_scene(take=str(workplace / "out.take"))
     first = scene.seeing_wind.frame_start

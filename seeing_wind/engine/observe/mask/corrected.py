@@ -76,7 +76,7 @@ def marks_of(corrections: tuple[float, ...], first: int, shape: tuple[int, int, 
     for number, x, y, _ in rows:
         if not 0 <= number - first < frames:
             last = first + frames - 1
-            raise UsageError(f"The correction in frame {number:g} of the file lies outside the clip's {first} to {last}.", WHERE)
+            raise UsageError(f"--correct: {number:g} lies outside the clip's frames {first} to {last}.", WHERE)
         if not (-0.5 <= x <= width - 0.5 and -0.5 <= y <= height - 0.5):
             raise UsageError(
                 f"The correction at {x:g},{y:g} in frame {number:g} of the file lies outside the {width}x{height} frame.",

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import cv2
 import numpy as np
 
-from ...conventions import HELD_PLACE, counted, frame_named, in_units
+from ...conventions import HELD_PLACE, as_in_file, counted, frame_named, in_units
 from ...masks import areas
 from ...records import Observation
 from ...settings import ObserveSettings
 from .held import propose_held, swings
 
 FEWEST = 3
-"""Least number of frames in which the object is seen for a recovery."""
+"""Least number of frames in which the object is followed for a recovery."""
 
 FEW_TRACKS = 12
 """Number of tracks in a frame below which a body's bending cannot be told from their errors."""
@@ -61,6 +61,10 @@ class Verdict:
     def verdict(self) -> str:
         """good or doubtful."""
         return "doubtful" if self.severity > 0.0 else "good"
+
+    def as_in_file(self, first_frame: int) -> Verdict:
+        """The verdict with its frames counted as `conventions.as_in_file` does."""
+        return replace(self, because=as_in_file(self.because, first_frame), do=as_in_file(self.do, first_frame))
 
     def as_json(self) -> dict[str, Any]:
         """All fields, and the verdict in words."""
@@ -149,7 +153,9 @@ def _outline(seen: Observation, settings: ObserveSettings, proposed: np.ndarray 
 def _sight(seen: Observation) -> Verdict:
     shown = int(np.count_nonzero(seen.visible.any(axis=1)))
     if shown < FEWEST:
-        few = f"The object is seen in {counted(shown, 'frame')}, and a force needs {FEWEST}: fewer show no acceleration."
+        # the silhouette's centroid is followed only where nothing cuts the silhouette off
+        what = "The object is wholly in view" if seen.on_centroid.all() else "Points of the object are followed"
+        few = f"{what} in {counted(shown, 'frame')}, and a force needs {FEWEST}: fewer show no acceleration."
         return Verdict("sight", 2.0, few, "Use a longer clip or a wider --frames range.")
     lost = np.flatnonzero(areas(seen.masks) == 0)
     if len(lost):

@@ -15,12 +15,13 @@ from ...job import takes, worker
 from ...job.install.choices import outline_model
 from ...job.install.environment import engine_python
 from ...job.operator import JobOperator
-from ...job.panel_words import in_panel_words
+from ...job.panel_words import in_panel_words, in_scene_frames
 from ...job.status import digest_of
 from ...job.worker_command import ROOT, command, environment
 from ...option_properties import part_of, values_of
 from ..inputs.clip_files import content_of, files_of
-from ..inputs.clips import clip_of
+from ..inputs.clips import clip_of, first_clip_frame
+from ..inputs.pace import pace_of_scene
 from ..options import View, clip_options
 from .options import object_options
 
@@ -47,7 +48,7 @@ class SEEING_WIND_OT_preview(JobOperator, bpy.types.Operator):
     def start(self, scene):
         """Start observing the clip with the same options as Recover."""
         settings = scene.seeing_wind
-        self.folder, python = takes.take_folder(settings), engine_python()
+        self.folder, python, self.first = takes.take_folder(settings), engine_python(), first_clip_frame(settings)
         values = values_of(settings, ObserveSettings, BuildSettings, RecoverSettings)
         clip = clip_options(settings, values)
         takes.refuse_of_another(self.folder, clip[0])
@@ -62,11 +63,11 @@ class SEEING_WIND_OT_preview(JobOperator, bpy.types.Operator):
 
     def finish(self, scene, result):
         """Store the verdicts, worst first, and load the preview image."""
-        settings = scene.seeing_wind
+        settings, frame_of = scene.seeing_wind, pace_of_scene(scene).frame_of
         settings.verdicts.clear()
         for each in result.get("verdicts", []):
-            verdict = settings.verdicts.add()
-            verdict.name, verdict.because, verdict.advice = (in_panel_words(each[key]) for key in ("item", "because", "do"))
+            verdict, said = settings.verdicts.add(), [in_scene_frames(each[key], frame_of, self.first) for key in ("item", "because", "do")]
+            verdict.name, verdict.because, verdict.advice = map(in_panel_words, said)
             verdict.doubtful = each["severity"] > 0.0
         settings.previewed_take, settings.previewed_digest, settings.foreseen_digest = str(self.folder), self.digest, self.foreseen
         settings.proposed_pin = str(self.folder / HELD) if HELD in result.get("files", []) else ""

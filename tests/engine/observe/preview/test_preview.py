@@ -151,7 +151,10 @@ def test_two_frames_show_no_force(disc_seen: Observation) -> None:
         disc_seen, masks=disc_seen.masks[:2], xy=disc_seen.xy[:2], visible=disc_seen.visible[:2], sigma=disc_seen.sigma[:2]
     )
     worst = judge(few, GIVEN, None)[0]
-    assert worst.item == "sight" and "seen in 2 frames, and a force needs 3" in worst.because
+    assert worst.item == "sight" and worst.because.startswith("Points of the object are followed in 2 frames, and a force needs 3")
+    alone = dataclasses.replace(few, on_centroid=np.ones(few.xy.shape[1], bool))
+    worst = judge(alone, GIVEN, None)[0]
+    assert worst.item == "sight" and worst.because.startswith("The object is wholly in view in 2 frames, and a force needs 3")
 
 
 def test_no_scale(disc_seen: Observation) -> None:

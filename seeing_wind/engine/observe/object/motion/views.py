@@ -28,7 +28,7 @@ def view_targets(body: Body, observation: Observation) -> TrackTargets:
     if use.size == 0:
         raise ObjectError(
             f"None of the {int(seen.sum())} points tracked in {observation.clip} lies on the object of the first view.",
-            "Check that both cameras are in the same world and that frame 0 of both clips is the same moment.",
+            "Check that both cameras are in the same world and that both clips begin at the same moment.",
         )
     return TrackTargets(
         xy=observation.xy[:, use],
