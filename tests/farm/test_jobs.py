@@ -246,6 +246,8 @@ def test_options_become_words(workplace):
         ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nrecover = { material = 3 }', r'is 3\. Write the name of one material, such as "leaf"'),
         ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nrecover = { outline_model = "n.tgz" }', r'outline_model of "job 1": there is no file'),
         ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nrecover = { outline_model = 3 }', r'outline_model in recover of "job 1" is 3'),
+        (given('outline_model = ""'), r'outline_model in recover of "job 1" is ""\. Write the path of one file, or "none", in quotation marks'),
+        (given('body = " "'), r'body in recover of "job 1" is " "\. Write the path of one folder in quotation marks'),
         (VIEW.replace("side.json", "none.json"), r'view of "job 1": there is no file \S*none\.json'),
         (VIEW.replace("side.mp4", "none.mp4"), r'view of "job 1": there is no file \S*none\.mp4'),
         (VIEW.replace('view = ["side.mp4", ', "view = ["), r'view in recover of "job 1" is \["side.json", "side.png"\]'),

@@ -33,8 +33,6 @@ def check_networks(settings: ObserveSettings) -> None:
     """Raise UsageError for options that need each other or exclude each other."""
     if (settings.prompt is None) != (settings.detector_model is None):
         raise UsageError("--prompt and --detector-model belong together.", "Give the words, and the network that finds them.")
-    if settings.prompt is not None and not settings.prompt.strip():
-        raise UsageError("The prompt is empty.", "Say in a word or two what the object is.")
     if settings.prompt is not None and (settings.mask or settings.box or settings.points):
         raise UsageError("The object is marked by words and by a mask, box or points.", "Give one of them.")
     if settings.outline_frame and settings.outline is None:

@@ -109,6 +109,8 @@ class Option:
             raise self._wrong(called, self.form.must if self.form else f"be {KINDS[self.kind]}", text) from None
         if (self.file or self.folder) and not text.strip():
             raise UsageError(f"{called}: '{text}' is not a path.", self.sentence())
+        if self.kind is str and not text.strip():
+            raise self._wrong(called, self.must() if self.choices else "not be empty", text)
         if self.form is None:
             self.check(value, called)
         return value

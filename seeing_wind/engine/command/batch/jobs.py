@@ -256,8 +256,9 @@ def _job(table: dict[str, Any], number: int, path: Path) -> Job:
         paths.setdefault("edit_take", paths["take"].with_name(f"{paths['take'].name.removesuffix('.take')}.edit.take"))
     named = FILES | FOLDERS
     for key in sorted((named | {"material"}) & options.keys()):
-        if not isinstance(options[key], str) and options[key] is not False:
+        if options[key] is not False and not (isinstance(options[key], str) and options[key].strip()):
             of_path = f"path of one {'folder' if key in FOLDERS else 'file'}"
+            of_path += f', or "{NO_FILE[key]}",' if key in NO_FILE else ""
             what = f'name of one material, such as "{DEFAULT}",' if key == "material" else of_path
             raise UsageError(f"{key} in recover of {name} is {shown(options[key])}.", f"Write the {what} in quotation marks.")
     check_kinds(options, name)
