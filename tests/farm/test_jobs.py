@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from seeing_wind.engine.command.batch.delivery import Incoming
+from seeing_wind.engine.command.batch.delivery import Incoming, files_of, order_of
 from seeing_wind.engine.command.batch.in_order import run_in_order
 from seeing_wind.engine.command.batch.jobs import FIELD, Job, read_jobs
 from seeing_wind.engine.command.batch.summary import Summary
@@ -246,7 +246,8 @@ def test_options_become_words(workplace):
         ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nrecover = { material = 3 }', r'is 3\. Write the name of one material, such as "leaf"'),
         ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nrecover = { outline_model = "n.tgz" }', r'outline_model of "job 1": there is no file'),
         ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nrecover = { outline_model = 3 }', r'outline_model in recover of "job 1" is 3'),
-        (given('outline_model = ""'), r'outline_model in recover of "job 1" is ""\. Write the path of one file, or "none", in quotation marks'),
+        (given('outline_model = ""'), r'outline_model in recover of "job 1" is ""\. Write the path of one file, or "none", in quotation'),
+        (given('depth_model = ""'), r'depth_model in recover of "job 1" is ""\. Write the name of one network in quotation marks'),
         (given('body = " "'), r'body in recover of "job 1" is " "\. Write the path of one folder in quotation marks'),
         (VIEW.replace("side.json", "none.json"), r'view of "job 1": there is no file \S*none\.json'),
         (VIEW.replace("side.mp4", "none.mp4"), r'view of "job 1": there is no file \S*none\.mp4'),
@@ -313,6 +314,31 @@ def test_a_network_is_found_from_the_file_of_jobs_and_none_is_no_file(workplace:
         (job,) = read_jobs(workplace / "jobs.toml")
         assert job.recover["outline_model"] == meant
         assert [key for key, _ in job.named_files()] == (["outline_model"] if meant != "none" else [])
+
+
+def test_networks_go_to_a_node_and_none_does_not(workplace: Path) -> None:
+    (workplace / "net.tgz").touch()
+    (workplace / "depth" / "more").mkdir(parents=True)
+    files = [workplace / "depth" / "config.json", workplace / "depth" / "more" / "model.safetensors"]
+    for file in files:
+        file.touch()
+
+    def sent(*options: str) -> tuple[list[str], list[Path], list[str]]:
+        """What is a path in the order for a node; the files that are sent with it, without the clip; the words of the call."""
+        (workplace / "jobs.toml").write_text(given(", ".join(options)))
+        (job,) = read_jobs(workplace / "jobs.toml")
+        order = order_of(job, 1, shared=False)
+        return order.paths[2:], files_of(job)[1:], order.calls[0][4:]
+
+    archive = str(workplace / "net.tgz")
+    assert sent('outline_model = "net.tgz"') == ([archive], [workplace / "net.tgz"], ["--outline-model", archive])
+    for key in ("outline_model", "depth_model"):
+        folder = str(workplace / "depth")
+        assert sent(f'{key} = "depth"') == ([folder], files, [f"--{key.replace('_', '-')}", folder])
+    assert sent('outline_model = "none"', 'depth_model = "apple/DepthPro-hf"') == (
+        [], [], ["--outline-model", "none", "--depth-model", "apple/DepthPro-hf"]
+    )  # fmt: skip
+    assert sent() == ([], [], [])
 
 
 def test_further_views_are_found_from_the_file_of_jobs(workplace: Path) -> None:

@@ -109,6 +109,20 @@ def test_frames_and_folders(workplace, tmp_path_factory) -> None:
         bundle_of(workplace)
 
 
+def test_networks_are_found_from_the_folders(workplace, tmp_path_factory) -> None:
+    away = tmp_path_factory.mktemp("away")
+    (away / "net.tgz").touch()
+    (workplace / "depth").mkdir()
+    table = '[[job]]\nname = "leaf"\nclip = "square.avi"\ntake = "leaf.take"\nrecover = {{ outline_model = "{}", depth_model = "{}" }}\n'
+    for given, words in (
+        ((away / "net.tgz", "depth"), ["{{Param.Folder1}}/net.tgz", "--depth-model", "{{Param.Folder}}/depth"]),
+        (("none", "apple/DepthPro-hf"), ["none", "--depth-model", "apple/DepthPro-hf"]),
+    ):
+        (workplace / "jobs.toml").write_text(table.format(*given))
+        template, _ = bundle_of(workplace)
+        assert template["steps"][0]["script"]["actions"]["onRun"]["args"][6:] == ["--outline-model", *words]
+
+
 @pytest.mark.parametrize(("name", "says"), [("a {{b}}", "double braces"), ("long " * 13, "too long for a step")])
 def test_names_that_a_template_cannot_hold(workplace, name, says) -> None:
     trajectories(workplace / "t.npz", 1.0)

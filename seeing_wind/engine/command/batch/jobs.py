@@ -37,6 +37,8 @@ FILES = {"objects", *(one.name for one in options_of(ObserveSettings).values() i
 """Options of `recover` that are paths of files."""
 FOLDERS = {one.name for one in options_of(RecoverSettings).values() if one.folder}
 """Options of `recover` that are paths of folders."""
+NETWORKS = {name for name in options_of(ObserveSettings) if name.endswith("_model")}
+"""Options of `recover` that name a network, which may be a folder."""
 NO_FILE = {"outline_model": NO_NETWORK}
 """Words that stand in the place of a file."""
 SWITCHES = {"no_gravity"}
@@ -88,6 +90,7 @@ class Job:
         """The files that the job reads, as far as they exist."""
         found = [self.source, self.edit, *(file for _, file in self.named_files())]
         found += [self.edit.parent / name for name in names_in(self.edit)] if self.edit is not None else []
+        found += [file for key, place in self.named_files() if key in NETWORKS and place.is_dir() for file in sorted(place.rglob("*"))]
         for clip in (self.clip, *(Path(view[0]) for view in self.recover.get("view", ()))):
             if clip is not None and _is_sequence(clip):
                 found += sorted((clip if clip.is_dir() else clip.parent).iterdir())
@@ -254,24 +257,30 @@ def _job(table: dict[str, Any], number: int, path: Path) -> Job:
             raise UsageError(f"material of {name}: {error.message}", error.hint) from error
     if "edit" in paths:
         paths.setdefault("edit_take", paths["take"].with_name(f"{paths['take'].name.removesuffix('.take')}.edit.take"))
-    named = FILES | FOLDERS
-    for key in sorted((named | {"material"}) & options.keys()):
+    for key in sorted((FILES | FOLDERS | NETWORKS | {"material"}) & options.keys()):
         if options[key] is not False and not (isinstance(options[key], str) and options[key].strip()):
-            of_path = f"path of one {'folder' if key in FOLDERS else 'file'}"
-            of_path += f', or "{NO_FILE[key]}",' if key in NO_FILE else ""
-            what = f'name of one material, such as "{DEFAULT}",' if key == "material" else of_path
-            raise UsageError(f"{key} in recover of {name} is {shown(options[key])}.", f"Write the {what} in quotation marks.")
+            raise UsageError(f"{key} in recover of {name} is {shown(options[key])}.", f"Write the {_named_by(key)} in quotation marks.")
     check_kinds(options, name)
     options = {key: NO_FILE[key] if value is False and key in NO_FILE else value for key, value in options.items()}
-    options = {key: _beside(home, value) if _is_path(key, value) else value for key, value in options.items()}
+    beside = {key: _beside(home, value) for key, value in options.items() if isinstance(value, str)}
+    folders = {key for key in NETWORKS & beside.keys() if os.path.isdir(beside[key])}  # else it is the name of one that is known
+    options = {key: beside[key] if key in folders or _is_path(key, value) else value for key, value in options.items()}
     if "view" in options:
         options["view"] = [[_beside(home, word) for word in view] for view in views_of(options["view"], name)]
     return Job(name=table.get("name", f"job {number}"), recover=options, **paths)
 
 
+def _named_by(key: str) -> str:
+    """What the text of the option `key` is, as a part of a sentence."""
+    if key in FILES | FOLDERS:
+        return f"path of one {'folder' if key in FOLDERS else 'file'}" + (f', or "{NO_FILE[key]}",' if key in NO_FILE else "")
+    return "name of one network" if key in NETWORKS else f'name of one material, such as "{DEFAULT}",'
+
+
 def _is_path(key: str, value: Any) -> bool:
-    """Whether the option `key` of `recover` names a file or a folder by its `value`."""
-    return key in FILES | FOLDERS and isinstance(value, str) and value != NO_FILE.get(key)
+    """Whether the option `key` of `recover` names a file or a folder by its `value`; a network's folder has an absolute path by then."""
+    named = key in FILES | FOLDERS or (key in NETWORKS and os.path.isabs(str(value)))
+    return named and isinstance(value, str) and value != NO_FILE.get(key)
 
 
 def _check_places(paths: dict[str, Path], name: str) -> None:
@@ -301,7 +310,7 @@ def _is_there(key: str, path: Path) -> bool:
     """Whether what the option `key` names exists: a file, a folder, or the images of a further view."""
     if key in FOLDERS:
         return path.is_dir()
-    return path.is_file() or (key in NO_FILE and path.is_dir()) or (key == "view" and _is_sequence(path) and bool(image_files(str(path))))
+    return path.is_file() or (key in NETWORKS and path.is_dir()) or (key == "view" and _is_sequence(path) and bool(image_files(str(path))))
 
 
 def _is_sequence(clip: Path) -> bool:
