@@ -46,7 +46,12 @@ def batch(options: list[str], out: console.Console) -> int:
         raise UsageError("batch takes one file of jobs.", "blender --command seeing_wind batch JOBS.toml [--again]")
     path = Path(words[0])
     summary = Summary(path, read_jobs(path), whole=True, again="--again" in options)
-    code = run_verb(python, "batch", [*options, "--check"], out.show)
+
+    def show(message: worker.Message) -> None:
+        if message["type"] != "warning":  # the jobs tell theirs themselves
+            out.show(message)
+
+    code = run_verb(python, "batch", [*options, "--check"], show)
     if code != 0:
         return code
     run_in_order(summary, lambda each, made: _do(python, summary, each, made, out), lambda line: print(line, flush=True))

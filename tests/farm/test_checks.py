@@ -18,7 +18,7 @@ from seeing_wind.engine.command.batch.jobs import FIELD, Job, read_jobs
 from seeing_wind.engine.command.batch.summary import Summary
 from seeing_wind.engine.command.batch.verb import batch
 from seeing_wind.engine.errors import SeeingWindError
-from seeing_wind.engine.progress import NoProgress
+from seeing_wind.engine.progress import NoProgress, Progress
 from seeing_wind.engine.take import Take
 
 FIRST = '[[job]]\nname = "first"\nclip = "clip.avi"\ntake = "first.take"\n'
@@ -89,6 +89,29 @@ def test_tracks_that_are_not_in_the_picture(refused, tmp_path: Path, place: floa
     np.savez(tmp_path / "tracks.npz", xy=np.full((5, 3, 2), place), visible=np.full((5, 3), seen))
     said = refused(LEAF + 'recover = { tracks = "tracks.npz" }').message
     assert said == '"leaf": No track of tracks.npz is visible on the object in the first frame.'
+
+
+@pytest.mark.parametrize("marked", ['mask = "part.png"', "box = [0, 0, 40, 9]"])
+def test_tracks_beside_the_object(refused, tmp_path: Path, marked: str) -> None:
+    np.savez(tmp_path / "tracks.npz", xy=np.full((5, 3, 2), [30.0, 20.0]), visible=np.ones((5, 3), bool))
+    said = refused(LEAF + f'recover = {{ tracks = "tracks.npz", {marked} }}').message
+    assert said == '"leaf": No track of tracks.npz is visible on the object in the first frame.'
+    added = refused(LEAF + f'recover = {{ tracks = "tracks.npz", {marked}, outline = "black.png" }}').message
+    assert "black.png has 0 pixels" in added, "what is drawn in a later frame may add to the object"
+
+
+def test_tracks_of_which_few_are_on_the_mask(tmp_path: Path) -> None:
+    clip(tmp_path / "clip.avi")
+    cv2.imwrite(str(tmp_path / "part.png"), np.where(np.arange(64)[:, None] < 9, np.full(96, 255), 0).astype(np.uint8))
+    places = np.array([[30.0, 5.0], [30.0, 40.0], [10.0, 50.0]])
+    np.savez(tmp_path / "tracks.npz", xy=np.tile(places, (5, 1, 1)), visible=np.ones((5, 3), bool))
+    (tmp_path / "jobs.toml").write_text(LEAF + 'recover = { tracks = "tracks.npz", mask = "part.png" }')
+    told: list[dict] = []
+    batch(parser().parse_args(["batch", str(tmp_path / "jobs.toml"), "--check"]), Progress(told.append))
+    assert [one["message"] for one in told if one["type"] == "warning"] == [
+        "leaf: 2 of 3 tracks do not start on the object in the first frame and are left out.",
+        "leaf: One track shows where the object is, but not how it turns or bends. Give three or more that start on it.",
+    ]
 
 
 def test_clips_and_trajectories(refused, tmp_path: Path) -> None:

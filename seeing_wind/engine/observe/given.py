@@ -10,10 +10,14 @@ from ..settings import ObserveSettings
 from .clip.camera import read_camera
 from .clip.depth import read_depth
 from .clip.frames import Clip, read_clip
+from .mask.cutting import widened
 from .mask.first_mask import check_extent, check_outline, point_list, read_mask
 from .mask.from_box import pixels_in
 from .networks import check_networks
-from .tracks.file import checked_tracks, starting_on
+from .tracks.file import checked_tracks, starting_on, tell_left_out
+
+SLACK = 3
+"""Distance [px] by which the object's edge may be off its mask or box once the frame is straightened or made smaller."""
 
 
 def check_clip(path: str, settings: ObserveSettings, progress: Progress) -> tuple[int, int]:
@@ -24,12 +28,15 @@ def check_clip(path: str, settings: ObserveSettings, progress: Progress) -> tupl
     """
     check_networks(settings)
     clip = read_clip(path, settings.frames, settings.fps, progress, resized=lambda height, width: (1, 1), keep=())
-    check_given(settings, clip, progress)
+    check_given(settings, clip, progress, foretell=True)
     return clip.first_frame, clip.first_frame + len(clip.frames) - 1
 
 
-def check_given(settings: ObserveSettings, clip: Clip, progress: Progress) -> None:
+def check_given(settings: ObserveSettings, clip: Clip, progress: Progress, foretell: bool = False) -> None:
     """Check the files, box and points of the settings against the clip, in the file's own pixels.
+
+    Args:
+        foretell: whether to warn of tracks beside the object's mask; else `read_tracks` does so, once the object is known.
 
     Raises:
         UsageError: as `read_mask`, `read_depth`, `read_camera`, `pixels_in`, `point_list`, `checked_tracks` and `starting_on`.
@@ -37,10 +44,12 @@ def check_given(settings: ObserveSettings, clip: Clip, progress: Progress) -> No
     """
     (height, width), frames = clip.size, len(clip.frames)
     area = np.ones((height, width), bool)
+    grows = settings.outline is not None or settings.correct is not None  # these may add to the object
     if settings.mask is not None:
         mask = read_mask(settings.mask, height, width)
         check_extent(mask)
-        area = mask if settings.outline is None and settings.correct is None else area  # these may add to the object
+        area = area if grows else mask
+    around = area
     if settings.outline is not None:
         check_outline(read_mask(settings.outline, height, width, "outline"), settings.outline)
     if settings.pin is not None:
@@ -52,12 +61,15 @@ def check_given(settings: ObserveSettings, clip: Clip, progress: Progress) -> No
     if settings.camera is not None:
         read_camera(settings.camera, width, height, frames, clip.first_frame)
     if settings.box is not None:
-        pixels_in(settings.box, height, width)
+        box = pixels_in(settings.box, height, width)
+        around = area if grows else box
     if settings.points is not None:
         point_list(settings.points, height, width)
     if settings.tracks is not None:
         xy, visible, _ = checked_tracks(settings.tracks, frames, clip.first_frame, progress if settings.frames is None else None)
-        starting_on(np.ones((height, width), bool), xy[0], visible[0], settings.tracks)  # wherever the object is
+        on = starting_on(widened(around, SLACK), xy[0], visible[0], settings.tracks)
+        if foretell and settings.mask is not None:
+            tell_left_out(on, progress)
 
 
 def refuse_none_held(held: np.ndarray) -> None:

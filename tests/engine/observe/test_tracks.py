@@ -161,8 +161,8 @@ def test_tracks_beside_the_object_are_named_also_in_a_smaller_copy_of_the_clip(t
     for t, frame in enumerate(frames):
         frame[20:70, 100 + 9 * t : 400 + 9 * t] = 220
         cv2.imwrite(str(tmp_path / f"{t}.png"), frame)
-    np.savez(tmp_path / "blender.npz", xy=np.full((3, 4, 2), 5.0), visible=np.ones((3, 4), bool))
-    settings = ObserveSettings(box=(95.0, 15.0, 405.0, 75.0), distance=1.0, fps=25.0, tracks=str(tmp_path / "blender.npz"))
+    np.savez(tmp_path / "blender.npz", xy=np.full((3, 4, 2), [80.0, 10.0]), visible=np.ones((3, 4), bool))
+    settings = ObserveSettings(box=(75.0, 5.0, 425.0, 85.0), distance=1.0, fps=25.0, tracks=str(tmp_path / "blender.npz"))
     with pytest.raises(UsageError, match="^No track of blender.npz is visible on the object in the first frame."):
         observe(tmp_path, settings, NoProgress())
 
@@ -192,7 +192,7 @@ def test_track_files_refused(disc: Scene, tmp_path: Path, case: str) -> None:
     elif case == "sigma":
         values["sigma"][8, 0] = 0.0
     elif case == "off":
-        xy[:] = [3.0, 3.0]
+        xy[:] = np.array(disc.box[:2]) + 1.0  # a disc fills no corner of its box
     path = tmp_path / "tracks.npz"
     if case == "text":
         path.write_text("no arrays")

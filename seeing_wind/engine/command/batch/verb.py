@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import re
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -36,7 +37,8 @@ def batch(arguments: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         if arguments.openjd is not None or not summary.is_done(job):
             progress.stage = "batch"
             progress.update(0.0, f"checking {job.name}, job {number + 1} of {len(jobs)}")
-            _check(job, made, progress.quiet())
+            # otherwise the job tells its warnings itself
+            _check(job, made, progress.worded(partial(_of_job, job)) if arguments.check else progress.quiet())
         made += job.takes()
     if arguments.check:
         return {"outcome": "converged", "checked": len(jobs)}
@@ -58,6 +60,10 @@ def batch(arguments: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         with Cluster(arguments.ray) as cluster:
             Farm(cluster, summary, progress, shared=arguments.shared, attempts=arguments.attempts or ATTEMPTS).run()
     return _result(summary)
+
+
+def _of_job(job: Job, warning: str) -> str:
+    return f"{job.name}: {job.in_keys(warning)[0]}"
 
 
 def _check(job: Job, made: list[Path], progress: Progress) -> None:

@@ -35,11 +35,7 @@ def read_tracks(
     """
     xy, visible, sigma = checked_tracks(path, frames, first_frame)
     on = starting_on(mask, xy[0], visible[0], path)
-    if not on.all():
-        progress.warn(f"{int((~on).sum())} of {len(on)} tracks do not start on the object in the first frame and are left out.")
-    if on.sum() < FEW:
-        few = "One track shows" if on.sum() == 1 else f"{int(on.sum())} tracks show"
-        progress.warn(f"{few} where the object is, but not how it turns or bends. Give three or more that start on it.")
+    tell_left_out(on, progress)
     # An invisible point's place is never used; zero keeps arithmetic on whole arrays finite.
     held = np.where(visible[..., None], xy, 0.0)
     return held[:, on], visible[:, on], np.where(visible, sigma, SIGMA)[:, on]
@@ -62,6 +58,15 @@ def starting_on(area: np.ndarray, xy: np.ndarray, visible: np.ndarray, path: str
             "Check the mask, and that pixels count from the top left.",
         )
     return np.asarray(on)
+
+
+def tell_left_out(on: np.ndarray, progress: Progress) -> None:
+    """Warn of tracks that are not on the object in frame 0, and of too few that are; on: (K,) bool, which are."""
+    if not on.all():
+        progress.warn(f"{int((~on).sum())} of {len(on)} tracks do not start on the object in the first frame and are left out.")
+    if on.sum() < FEW:
+        few = "One track shows" if on.sum() == 1 else f"{int(on.sum())} tracks show"
+        progress.warn(f"{few} where the object is, but not how it turns or bends. Give three or more that start on it.")
 
 
 def checked_tracks(
