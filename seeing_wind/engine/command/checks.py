@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 from ..errors import ClipError, UsageError
 from ..materials import adjust, find
 from ..progress import Progress
-from ..settings import ObserveSettings, RecoverSettings
+from ..settings import BuildSettings, ObserveSettings, RecoverSettings
+from ..settings.build import sheet_of
 from ..stages import check_sheet, check_solve
 from ..take import Take
 from .arguments import observe_settings, properties_of, settings_of
@@ -27,7 +28,7 @@ def check_recovery(arguments: argparse.Namespace, progress: Progress) -> tuple[R
     """The settings of the solve, and the model to ask about the material, for one object of a clip; the clip is read only to count views.
 
     Raises:
-        ClipError: there is no clip. MaterialError: an unknown material, or numbers that are not physical.
+        ClipError: there is no clip. MaterialError: an unknown material, numbers that are not physical, or no sheet where one is asked for.
         UsageError: options that do not go together, a file that is missing, or a take of something else.
     """
     from ..observe.clip.frames import require_clip
@@ -41,6 +42,8 @@ def check_recovery(arguments: argparse.Namespace, progress: Progress) -> tuple[R
         check_sheet(settings)  # by default the object's size decides whether it is a sheet; `recover` checks that case later
     check_options(arguments, settings, arguments.frames, arguments.distance)
     endpoint = asked_model(arguments)
+    if endpoint is None:  # else the material is asked for once the object was seen
+        sheet_of(settings_of(BuildSettings, arguments))
     refuse_of_another(Take(arguments.take), arguments.clip)
     return settings, endpoint
 

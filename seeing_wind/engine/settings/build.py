@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
-from ..materials import DEFAULT, LAWS, PLASTIC_LAWS, SHEETS, Material, adjust, find
+from ..errors import MaterialError
+from ..materials import DEFAULT, LAWS, PLASTIC_LAWS, SHEETS, Material, Sheet, adjust, find
 from .option import option
 from .recover import seed_option
 
@@ -126,3 +127,19 @@ def may_be_sheet(settings: BuildSettings) -> bool:
         return settings.form == "sheet"
     known = SHEETS.get(find(settings.material).name)
     return known is not None and known.woven and material_of(settings).law not in PLASTIC_LAWS
+
+
+def sheet_of(settings: BuildSettings) -> Sheet | None:
+    """The thin sheet that the body may become, see `may_be_sheet`; None for a solid.
+
+    Raises:
+        MaterialError: as `material_of`; or a sheet is asked for, and its material is not known as a sheet, or flows.
+    """
+    if not may_be_sheet(settings):
+        return None
+    material, known = material_of(settings), SHEETS.get(find(settings.material).name)
+    if known is None:
+        raise MaterialError(f"{material.name} is not known as a sheet.", f"Give one of {', '.join(sorted(SHEETS))}, or --form solid.")
+    if material.law in PLASTIC_LAWS:
+        raise MaterialError("A sheet is elastic: it has no plastic law.", "Leave --law out, or give --form solid.")
+    return known.with_own(settings.density, settings.youngs_modulus, settings.poisson_ratio, settings.thickness)

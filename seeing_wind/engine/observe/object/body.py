@@ -6,12 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...errors import MaterialError
-from ...materials import PLASTIC_LAWS, SHEETS, Material, Sheet, find
+from ...errors import ObjectError
+from ...materials import PLASTIC_LAWS, Material, Sheet
 from ...progress import Journal, NoProgress, Progress
 from ...records import Attachment, Body, Gaussians, Observation, Particles, Surface
 from ...settings import FLOWING_PARTICLES, PARTICLES, SHEET_VERTICES, BuildSettings
-from ...settings.build import material_of, may_be_sheet
+from ...settings.build import material_of, sheet_of
+from ..mask.cutting import opened
 from .motion.keypoints import held, place, ride
 from .motion.late import amid_guides, tie
 from .motion.lifting import Sight, lift
@@ -19,8 +20,10 @@ from .shape.on_stem import too_fine, widening
 from .shape.particles import fill
 from .shape.relief import Relief, area_of, relief_of
 from .shape.surface import surface_of
-from .sheet import FEWEST, SheetBuilt, build_sheet
+from .sheet import FEWEST, SheetBuilt, build_sheet, too_few
 
+EDGE = 7
+"""Thickness [px] of the object in frame 0, a strip, below which no sheet is told from its edge; odd."""
 LIMP = 0.1
 """Bending length of cloth, in units of its size, below which it hangs in folds: the length over which its own weight bends it."""
 
@@ -108,25 +111,25 @@ def _sheet(observation: Observation, settings: BuildSettings, material: Material
     """The properties of the sheet that the object is built as; None for a solid.
 
     Raises:
-        MaterialError: a sheet is asked for, but its material is not known as a sheet or flows.
+        MaterialError: as `sheet_of`. ObjectError: a sheet is asked for, but the object does not show its shape.
     """
-    if not may_be_sheet(settings):
-        return None
-    known = SHEETS.get(find(settings.material).name)
-    if known is None:
-        raise MaterialError(f"{material.name} is not known as a sheet.", f"Give one of {', '.join(sorted(SHEETS))}, or --form solid.")
-    if material.law in PLASTIC_LAWS:
-        raise MaterialError("A sheet is elastic: it has no plastic law.", "Leave --law out, or give --form solid.")
-    sheet = known.with_own(settings.density, settings.youngs_modulus, settings.poisson_ratio, settings.thickness)
-    if settings.form == "sheet":
-        return sheet
-    if sheet.bending_length > LIMP * np.sqrt(area_of(observation)):
+    sheet = sheet_of(settings)
+    if sheet is None or (settings.form != "sheet" and sheet.bending_length > LIMP * np.sqrt(area_of(observation))):
         return None
     tracks = int((observation.visible[0] & ~observation.on_centroid).sum())
-    if tracks < FEWEST:
-        progress.warn(f"{material.name} hangs in folds, but only {tracks} points of it are tracked: it is built as a solid.")
+    thin = not opened(np.asarray(observation.masks[0]), EDGE).any()
+    if not thin and tracks >= FEWEST:
+        return sheet
+    if settings.form != "sheet":
+        why = f"it is less than {EDGE} pixels thick in frame 0" if thin else f"only {tracks} points of it are tracked"
+        progress.warn(f"{material.name} hangs in folds, but {why}: it is built as a solid.")
         return None
-    return sheet
+    if thin:
+        raise ObjectError(
+            f"The sheet is less than {EDGE} pixels thick in frame 0, as if seen edge-on: its shape does not show.",
+            "Begin where it shows its face, film it closer, or recover it with --form solid.",
+        )
+    raise too_few(tracks)
 
 
 def _describe(relief: Relief, particles: Particles) -> str:

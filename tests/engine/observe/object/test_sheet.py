@@ -12,6 +12,7 @@ from scipy.sparse import identity
 
 from seeing_wind.engine.errors import MaterialError, ObjectError
 from seeing_wind.engine.masks import Masks
+from seeing_wind.engine.observe.object.body import rest_body
 from seeing_wind.engine.observe.object.motion.lifting import Sight
 from seeing_wind.engine.observe.object.sheet import follow as following
 from seeing_wind.engine.observe.object.sheet.banded import Banded
@@ -333,6 +334,26 @@ def test_what_is_no_sheet(cloth):
     short = dataclasses.replace(cloth, xy=cloth.xy[:2], visible=cloth.visible[:2], sigma=cloth.sigma[:2])
     with pytest.raises(ObjectError, match="at least 3 frames; these are 2"):
         build_body(short, BuildSettings(material="cotton"))
+
+
+def test_a_sheet_that_does_not_show_its_shape_is_refused_before_anything_is_assumed_of_it(cloth):
+    asked, told = BuildSettings(material="cotton", form="sheet"), []
+    for count, says in ((0, "No tracked point lies"), (1, "Only one tracked point lies"), (7, "Only 7 tracked points lie")):
+        few = dataclasses.replace(cloth, visible=cloth.visible & (np.arange(cloth.visible.shape[1]) < count))
+        with pytest.raises(ObjectError, match=f"{says} on the sheet in frame 0; its shape needs 8"):
+            build_body(few, asked, Progress(told.append))
+        with pytest.raises(ObjectError, match=says):
+            rest_body(few, asked)
+    assert not [one for one in told if one["type"] == "warning"]
+    strip = np.zeros((72, 96), bool)
+    strip[30:36, 25:70] = True
+    with pytest.raises(ObjectError, match="less than 7 pixels thick in frame 0, as if seen edge-on"):
+        build_body(observed(strip, 1.0), asked)
+    soft = BuildSettings(material="silk", particles=100)
+    assert build_body(observed(strip, 1.0), soft, Progress(told.append)).sheet is None
+    assert any("silk hangs in folds, but it is less than 7 pixels thick" in one["message"] for one in told)
+    strip[29] = strip[30]
+    assert build_body(observed(strip, 1.0), soft).sheet is not None
 
 
 def test_the_sheet_reaches_its_outline_where_nothing_is_tracked():

@@ -8,6 +8,6 @@
 """
 
 from .body import SheetBuilt, build_sheet, follow_views
-from .follow import FEWEST
+from .follow import FEWEST, too_few
 
-__all__ = ["FEWEST", "SheetBuilt", "build_sheet", "follow_views"]
+__all__ = ["FEWEST", "SheetBuilt", "build_sheet", "follow_views", "too_few"]

@@ -195,8 +195,14 @@ def follow(
 def _require_tracks(views: Sequence[View]) -> None:
     placed = sum(int(np.isfinite(view.places[:, 0]).sum()) for view in views)
     if placed < FEWEST:
-        raise ObjectError(
-            f"Only {placed} tracked points lie on the sheet in frame 0; its shape needs {FEWEST}.",
-            "A sheet needs texture: a print, a weave, seams. Begin where it shows its face and not its edge, give --tracks of your own, or "
-            "recover it with --form solid.",
-        )
+        raise too_few(placed)
+
+
+def too_few(placed: int) -> ObjectError:
+    """The error for a sheet on which only `placed` tracked points lie in frame 0."""
+    lie = "No tracked point lies" if placed == 0 else "Only one tracked point lies" if placed == 1 else f"Only {placed} tracked points lie"
+    return ObjectError(
+        f"{lie} on the sheet in frame 0; its shape needs {FEWEST}.",
+        "A sheet needs texture: a print, a weave, seams. Begin where it shows its face and not its edge, give --tracks of your own, or "
+        "recover it with --form solid.",
+    )
