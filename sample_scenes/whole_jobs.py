@@ -17,11 +17,15 @@ import sys
 import time
 from pathlib import Path
 
-import numpy as np
-
 HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE / "common"), str(HERE.parent)]  # a script of the source tree: it runs with the package installed or not
 
+if __name__ == "__main__":
+    from needs import tell_missing_packages
+
+    tell_missing_packages()
+
+import numpy as np  # noqa: E402
 from in_blender import BlenderFailed, run  # noqa: E402
 
 from seeing_wind.engine.field.sampling import sample_points  # noqa: E402

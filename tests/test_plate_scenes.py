@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
 import runpy
+import subprocess
+import sys
 from pathlib import Path
 
 import cv2
@@ -23,6 +26,16 @@ def built(request, tmp_path_factory) -> tuple[dict, Path]:
     out = tmp_path_factory.mktemp(request.param)
     assert script["main"](["--out", str(out), "--frames", "3", "--no-render", "--spacing", "0.016"]) == 0
     return script, out
+
+
+@pytest.mark.parametrize("package", ["numpy", "taichi"])
+@pytest.mark.parametrize("script", ["flag/make", "potted_plant/make", "falling_leaf/make"])
+def test_a_missing_package_is_told_in_a_sentence(tmp_path: Path, script: str, package: str) -> None:
+    (tmp_path / f"{package}.py").write_text(f'raise ModuleNotFoundError("No module named {package}", name="{package}")')
+    call = [sys.executable, str(SCENES / f"{script}.py"), "--out", str(tmp_path / "out"), "--no-render", "--frames", "3"]
+    ended = subprocess.run(call, capture_output=True, text=True, env={**os.environ, "PYTHONPATH": str(tmp_path)}, timeout=300)
+    assert ended.returncode == 1
+    assert ended.stderr == f"The engine's Python lacks the package {package}. Run Install Engine, or `make setup`.\n"
 
 
 def test_what_is_held_stays_and_the_rest_moves(built):

@@ -16,10 +16,15 @@ import argparse
 import sys
 from pathlib import Path
 
-import numpy as np
-
 ROOT = Path(__file__).resolve().parents[2]
-sys.path[:0] = [str(ROOT)]  # a script of the source tree: it runs with the package installed or not
+sys.path[:0] = [str(ROOT / "sample_scenes" / "common"), str(ROOT)]  # a script of the source tree: it runs with the package installed or not
+
+if __name__ == "__main__":
+    from needs import tell_missing_packages
+
+    tell_missing_packages()
+
+import numpy as np  # noqa: E402
 
 from seeing_wind.engine.field import distances, load_field, sample_points  # noqa: E402
 from seeing_wind.engine.record_arrays import read_recovery  # noqa: E402

@@ -21,14 +21,18 @@ import sys
 import time
 from pathlib import Path
 
-import numpy as np
-
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
 sys.path[:0] = [str(HERE), str(HERE.parent / "common"), str(ROOT)]  # a script of the source tree: it runs with the package installed or not
 
+if __name__ == "__main__":
+    from needs import tell_missing_packages
+
+    tell_missing_packages()
+
 import cv2  # noqa: E402
 import make  # noqa: E402
+import numpy as np  # noqa: E402
 from check import HELD  # noqa: E402
 from in_blender import BlenderFailed, run  # noqa: E402
 from leaf import make_leaf, make_texture  # noqa: E402

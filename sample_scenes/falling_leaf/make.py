@@ -11,13 +11,17 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-import numpy as np
-
 HERE = Path(__file__).resolve().parent
 # a script of the source tree: it runs with the package installed or not
 sys.path[:0] = [str(HERE), str(HERE.parent / "common"), str(HERE.parents[1])]
 
+if __name__ == "__main__":
+    from needs import tell_missing_packages
+
+    tell_missing_packages()
+
 import clip_files  # noqa: E402
+import numpy as np  # noqa: E402
 from clip_files import Filmed  # noqa: E402
 from leaf import make_leaf, make_texture  # noqa: E402
 from motion import START, THICKNESS, fly, tilt  # noqa: E402

@@ -11,17 +11,21 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-import numpy as np
-from scipy.ndimage import gaussian_filter
-
 HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parent / "common"), str(HERE.parents[1])]  # a script of the source tree
 
+if __name__ == "__main__":
+    from needs import tell_missing_packages
+
+    tell_missing_packages()
+
+import numpy as np  # noqa: E402
 import plate_scene  # noqa: E402
 from gusts import turbulence  # noqa: E402
 from outlines import inside  # noqa: E402
 from painting import dot  # noqa: E402
 from plate_scene import Plate  # noqa: E402
+from scipy.ndimage import gaussian_filter  # noqa: E402
 
 from seeing_wind.engine.field.analytic import ForceFieldAnalytic  # noqa: E402
 

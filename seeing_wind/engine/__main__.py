@@ -33,7 +33,7 @@ os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 
 from .command import cancelling  # noqa: E402
 from .command.arguments import parser  # noqa: E402
-from .errors import CANCELLED, DONE_WITH_WARNINGS, FAILED, NO_PATH, MissingPackage, SeeingWindError, UsageError, clause  # noqa: E402
+from .errors import CANCELLED, DONE_WITH_WARNINGS, FAILED, NO_PATH, SeeingWindError, UsageError, unloaded  # noqa: E402
 from .progress import Cancelled, Progress  # noqa: E402
 from .records import Outcome  # noqa: E402
 
@@ -102,7 +102,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     except ImportError as error:
         if not isinstance(error, ModuleNotFoundError):
             traceback.print_exc()
-        return _failed(protocol, _unloaded(error))
+        ours = (error.name or "").partition(".")[0] == (__package__ or "").partition(".")[0]
+        return _failed(protocol, _defect(error) if ours else unloaded(error))
     except OSError as error:
         if error.errno not in OUTSIDE:
             traceback.print_exc()
@@ -129,17 +130,6 @@ def out_of_memory(error: Exception) -> bool:
     if isinstance(error, MemoryError) or type(error).__name__ == "OutOfMemoryError" or getattr(error, "code", None) == OPENCV_NO_MEMORY:
         return True
     return isinstance(error, RuntimeError) and "allocate memory" in str(error)
-
-
-def _unloaded(error: ImportError) -> SeeingWindError:
-    """What to say of a package that is missing, or that is installed and cannot be loaded; of our own modules, that it is a defect."""
-    package = (error.name or "").partition(".")[0]
-    if package == (__package__ or "").partition(".")[0]:
-        return _defect(error)
-    said = f"The engine's Python lacks the package {package}."
-    if not isinstance(error, ModuleNotFoundError):
-        said = f"{f'The package {package}' if package else 'A package'} of the engine cannot be loaded: {clause(error)}."
-    return MissingPackage(said, "Run Install Engine, or `make setup`.")
 
 
 def _defect(error: Exception) -> SeeingWindError:

@@ -122,3 +122,12 @@ class MissingPackage(SeeingWindError):
     """A Python package that this job needs is not installed in the engine's environment."""
 
     mend = "install_engine"
+
+
+def unloaded(error: ImportError) -> MissingPackage:
+    """What to say of a package of the engine that is missing, or that is installed and cannot be loaded."""
+    package = (error.name or "").partition(".")[0]
+    said = f"The engine's Python lacks the package {package}."
+    if not isinstance(error, ModuleNotFoundError):
+        said = f"{f'The package {package}' if package else 'A package'} of the engine cannot be loaded: {clause(error)}."
+    return MissingPackage(said, "Run Install Engine, or `make setup`.")
