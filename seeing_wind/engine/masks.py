@@ -11,6 +11,10 @@ import numpy as np
 
 from .errors import WrongTake
 
+NEAR, WHOLE = 30, 0.9
+"""Frames beside those in which an object is hidden in which it is looked for as a whole, and the fraction of its largest size there from
+which it counts as whole."""
+
 DAMAGED = WrongTake("The take's masks are damaged.", "Run `recover` again.")
 
 
@@ -162,3 +166,20 @@ def at_rim(mask: np.ndarray) -> bool:
 def areas(masks: Iterable[np.ndarray]) -> np.ndarray:
     """Number of pixels (T+1,) int64 in each mask."""
     return np.array([int(np.count_nonzero(mask)) for mask in masks], np.int64)
+
+
+def partly_hidden(sizes: np.ndarray) -> np.ndarray:
+    """Frames (T+1,) bool in which a part of an object is probably hidden, from the number of pixels (T+1,) that are seen of it.
+
+    They are next to frames in which all of it is hidden, and much less of it is seen in them than at most in the second before or after, at
+    30 frames per second.
+    """
+    hidden, partly = sizes == 0, np.zeros(len(sizes), bool)
+    for way in (slice(None), slice(None, None, -1)):
+        seen, found, gone = sizes[way], partly[way], np.flatnonzero(hidden[way])
+        for first in gone[np.diff(gone, prepend=-1) > 1]:
+            before = seen[max(first - NEAR, 0) : first]
+            before = before[int(np.flatnonzero(before == 0)[-1]) + 1 if (before == 0).any() else 0 :]
+            whole = np.flatnonzero(before >= WHOLE * before.max())
+            found[first - len(before) + whole[-1] + 1 : first] = True
+    return partly

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.errors import TakeError
-from seeing_wind.engine.masks import Masks, areas, at_pixels
+from seeing_wind.engine.masks import Masks, areas, at_pixels, partly_hidden
 from seeing_wind.engine.record_arrays import from_arrays, to_arrays
 from seeing_wind.engine.take import Take
 
@@ -72,3 +72,17 @@ def test_a_mask_is_looked_up_at_the_nearest_pixel_and_holds_nothing_beyond_the_f
     mask[1, 5] = True
     xy = np.array([[[5.4, 0.6], [4.4, 1.0]], [[5.6, 1.0], [-1.0, 1.0]], [[np.nan, 1.0], [np.inf, 1.0]]])
     np.testing.assert_array_equal(at_pixels(mask, xy), [[True, False], [False, False], [False, False]])
+
+
+@pytest.mark.parametrize(
+    ("sizes", "partly"),
+    [
+        ([100, 100, 95, 60, 20, 0, 0, 15, 50, 92, 100], [3, 4, 7, 8]),
+        ([100, 70, 40, 40, 70, 100], []),  # it turns and is seen again
+        ([10, 0, 0], []),
+        ([0, 0, 30, 100, 100], [2]),
+        ([100, 30, 0, 25, 30, 10, 0, 100], [1, 3, 5]),  # between two times that it is hidden, nothing more is known
+    ],
+)
+def test_what_is_seen_next_to_frames_in_which_it_is_hidden_is_a_part(sizes: list[int], partly: list[int]) -> None:
+    assert np.flatnonzero(partly_hidden(np.array(sizes))).tolist() == partly

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from ...conventions import HELD_PLACE, as_in_file, counted, frame_named, in_units
-from ...masks import areas
+from ...masks import areas, at_rim, partly_hidden
 from ...records import Observation
 from ...settings import ObserveSettings
 from .held import propose_held, swings
@@ -256,8 +256,9 @@ def _depth_motion(seen: Observation) -> Verdict:
             spans = [np.linalg.norm(points[visible] - points[visible].mean(axis=0), axis=1) for points in (xy, seen.xy[0, early])]
             grown.append(float(spans[0].sum() / max(spans[1].sum(), 1e-9)))
     if not grown:
-        sizes = np.sqrt(areas(seen.masks))
-        grown = [float(size / sizes[0]) for size in sizes[1:] if size > 0.0]
+        sizes = areas(seen.masks)
+        whole = (sizes > 0) & ~partly_hidden(sizes) & ~np.array([at_rim(mask) for mask in seen.masks])
+        grown = [float(np.sqrt(size / sizes[0])) for size in sizes[1:][whole[1:]]]
     most = max(grown, key=lambda one: abs(np.log(one)), default=1.0)
     if abs(np.log(most)) <= np.log1p(GROWS):
         return Verdict("motion in depth", 0.0, "It stays about as large, so it moves across the view.")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from ...masks import Masks, areas, at_rim
+from ...masks import Masks, areas, at_rim, partly_hidden
 from ..clip.stored import Frames
 from ..mask.background import Plate
 from ..mask.cutting import narrowed, widened
@@ -50,10 +50,12 @@ def centroid_track(frames: Frames, masks: Masks, plate: Plate | None) -> tuple[n
     color = np.median(frames[0][inner if inner.any() else masks[0]], axis=0)
     size = areas(masks)
     usual = float(np.median(size[size > 0]))
+    # The shape of a small body can be registered where a part of it is seen; of a large one, the centroid of a part says nothing.
+    covered = partly_hidden(size) & (usual >= SMALL)
     full: np.ndarray | None = None
     registered = np.zeros(len(frames), bool)
     for t, (frame, mask) in enumerate(zip(frames, masks)):
-        if not mask.any() or (t > 0 and at_rim(mask)):
+        if not mask.any() or (t > 0 and (covered[t] or at_rim(mask))):
             continue
         window = window_of(mask, RIM + 6)
         origin = np.array(window[:2], dtype=np.float64)
