@@ -14,7 +14,7 @@ from ..settings import ObserveSettings
 from .clip.shake import homography, through_mask
 from .mask.background import median_plate
 from .mask.by_turns import sought_in_box, with_background
-from .mask.carried import Segmenter
+from .mask.carried import Segmenter, alike
 from .mask.corrected import Marks, carried_to_first, marks_of, with_corrections
 from .mask.first_mask import check_outline, read_mask
 from .mask.follow import Surroundings
@@ -83,30 +83,41 @@ def find_outline(steady: Steady, progress: Progress, journal: Journal) -> Outlin
             known = replace(again, other=known.other)
     if network is not None:
         progress.update(0.1, "outlining the object by a network")
-        if settings.mask is None and (settings.depth is None or settings.box is not None):
-            unaided = _with_network(network, still[0], unaided, settings, known, progress)
-            mask = shown.get(0, unaided)
-        known = replace(known, network=_of_one_mind(network, frames[0], mask, progress), frames=len(frames))
+        unaided, asked = _with_network(network, still[0], unaided, shown.get(0), settings, known, progress)
+        mask, known = shown.get(0, unaided), replace(known, network=asked, frames=len(frames))
     corrected = with_corrections(frames, mask, unaided, shown, marks, known, progress, journal)
     return Outline(mask if corrected is None else corrected[0], corrected, known, settings, doubts)
 
 
 def _with_network(
-    network: Segmenter, frame: np.ndarray, mask: np.ndarray, settings: ObserveSettings, known: Surroundings, progress: Progress
-) -> np.ndarray:
-    """The object (H, W) bool in `frame` (H, W, 3) uint8 RGB, which is frame 0, where `mask` (H, W) bool was found without a network."""
-    outline = network.outline(frame, mask, settings.box if settings.box is not None else box_round(mask))
-    return mask if outline is None else with_network(frame, mask, outline, known.plate, known.contrast, progress)
+    network: Segmenter,
+    frame: np.ndarray,
+    mask: np.ndarray,
+    drawn: np.ndarray | None,
+    settings: ObserveSettings,
+    known: Surroundings,
+    progress: Progress,
+) -> tuple[np.ndarray, Segmenter | None]:
+    """The object (H, W) bool in `frame` (H, W, 3) uint8 RGB, which is frame 0; and the network, if it is to be asked in later frames.
 
+    It is not if it outlines something else here than the object: it would soon lead away from it.
 
-def _of_one_mind(network: Segmenter, frame: np.ndarray, mask: np.ndarray, progress: Progress) -> Segmenter | None:
-    """The network, if it outlines in frame 0 what is the object there according to `mask` (H, W) bool; otherwise it would soon lead away
-    from it, and None is returned."""
-    outline = network.outline(frame, mask)
-    if outline is None or np.count_nonzero(outline & mask) < SAME * np.count_nonzero(outline | mask):
+    Args:
+        mask: (H, W) bool, the object as it was found without the network; drawn: (H, W) bool, as the user drew it.
+    """
+    if settings.mask is None and (settings.depth is None or settings.box is not None):
+        outline = network.outline(frame, mask, settings.box if settings.box is not None else box_round(mask))
+        if outline is not None and alike(mask, outline):
+            if drawn is None:
+                return mask, network
+        elif outline is not None:
+            mask = with_network(frame, mask, outline, known.plate, known.contrast, progress)
+    seen = mask if drawn is None else drawn
+    outline = network.outline(frame, seen)
+    if outline is None or np.count_nonzero(outline & seen) < SAME * np.count_nonzero(outline | seen):
         progress.warn("The network outlines something else than the object, or the object is too small for it, so it is not used.")
-        return None
-    return network
+        return mask, None
+    return mask, network
 
 
 def _corrections(steady: Steady) -> tuple[dict[int, np.ndarray], dict[int, Marks]]:

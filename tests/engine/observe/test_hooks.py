@@ -87,7 +87,6 @@ def test_tracks_are_the_networks(disc: Scene, monkeypatch: pytest.MonkeyPatch) -
     [
         {"prompt": "leaf"},
         {"detector_model": "dino"},
-        {"prompt": " ", "detector_model": "dino"},
         {"prompt": "leaf", "detector_model": "dino", "mask": "m.png"},
         {"depth": "d.npy", "depth_model": "net"},
         {"tracks": "t.npz", "track_model": "co"},

@@ -20,6 +20,13 @@ from .rim import cut_back
 LOST = 0.3
 """Fraction of the expected area below which the object counts as hidden or gone; the last shape seen is then kept for the search."""
 
+SPECK = 0.02
+"""Fraction of the object's largest area below which what is left of it is too little to follow."""
+
+ASTRAY, TURNS = (0.5, 0.05), 0.3
+"""How far a hidden object may be from where it would be if it moved on as when it was last seen whole: in sizes of the object, at once and
+more for each frame since, and in units of the distance that it would have moved."""
+
 LEAP = 80.0
 """Distance [px] up to which a small object may move several times its own width from frame 0 to the next."""
 
@@ -86,6 +93,7 @@ class MaskFollower:
         self._template = cut(frame, self._shape.window).copy()
         self._steps = 0
         self._missed = 0
+        self._since, self._pace, self._corner = 0, np.zeros(2), np.array(self._whole.window[:2])
         self._most = float(np.count_nonzero(mask))
         self._other = Other(frame, mask, known.other)
         self._segmented = None if known.network is None else Segmented(known.network, mask, known.frames)
@@ -97,10 +105,11 @@ class MaskFollower:
     def advance(self, frame: np.ndarray) -> np.ndarray:
         """The mask (H, W) bool of the next `frame` (H, W, 3) uint8 RGB; all False where the object is hidden or gone."""
         gray = cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY)
-        shift = self._search(frame)
-        self._progress.check()
         if self._panned is not None:
             self._behind = self._panned.carried(gray)
+        comes_back = self.hidden and self._behind is not None
+        shift = self._pace if comes_back else self._search(frame)
+        self._progress.check()
         window = self._shape.window
         side = max(window[2] - window[0], window[3] - window[1])
         margin = int(np.clip(0.25 * side, 12, 80))
@@ -108,14 +117,17 @@ class MaskFollower:
         self.flow = None if self.hidden else self._solver.between(self._gray, gray, wide, shift)
         self._progress.check()
         motion = self._motion()
-        self._whole.shift(motion)
+        if comes_back:
+            self._whole.place(self._corner + (self._since + 1) * self._pace)
+        else:
+            self._whole.shift(motion)
         self._other.move(frame, self.flow, motion, wide)
-        carried, where = self._carry(shift, margin)
+        carried, where = self._coming_back(frame) if comes_back else self._carry(shift, margin)
         if self._segmented is not None:
             self._segmented.advance(frame, self.flow, motion, carried, where)
             self._progress.check()
         found, where = self._with_what_comes_back(frame, self._silhouette(frame, carried, where), where)
-        self._remember(frame, gray, shift, carried, found, where)
+        self._remember(frame, gray, shift, motion, carried, found, where)
         mask = np.zeros(gray.shape, bool)
         if not self.hidden:
             paste(mask, found, where)
@@ -133,7 +145,9 @@ class MaskFollower:
         own = {
             "template": self._template,
             "velocity": self.velocity,
-            "counts": np.array([self._steps, self._missed, self.hidden, self._most]),
+            "pace": self._pace,
+            "corner": self._corner,
+            "counts": np.array([self._steps, self._missed, self._since, self.hidden, self._most]),
         } | self._shape.state() | self._whole.state() | self._other.state()
         for more in (self._panned, self._segmented):
             own |= {} if more is None else more.state()
@@ -141,7 +155,8 @@ class MaskFollower:
 
     def resume(self, frame: np.ndarray, mask: np.ndarray, state: dict[str, np.ndarray]) -> None:
         """See `through.Follower.resume`."""
-        steps, missed, hidden, most = (int(value) for value in state["counts"])
+        steps, missed, self._since, hidden, most = (int(value) for value in state["counts"])
+        self._pace, self._corner = state["pace"], state["corner"]
         self._template = state["template"]
         self._steps, self._missed, self._most = steps, missed, float(most)
         self.hidden, self.velocity = hidden > 0, state["velocity"]
@@ -164,7 +179,7 @@ class MaskFollower:
     def _motion(self) -> np.ndarray:
         """Motion (2,) [px] of the whole object: the median flow, as its centroid would also move by what the mask gains or loses."""
         if self.flow is None:
-            return self.velocity
+            return self._pace
         motion = np.ascontiguousarray(self.flow.of(self._shape.part, self._shape.window).T)
         return np.array([median_of(one) for one in motion])
 
@@ -179,6 +194,26 @@ class MaskFollower:
         moved.flow(self.flow)
         return opened(moved.over(where)), where
 
+    def _coming_back(self, frame: np.ndarray) -> tuple[np.ndarray, Window]:
+        """Pixels (h, w) bool that may be of the object, which is hidden so far, and their window: near where it would be by now, surely not
+        background, and with the object's colours."""
+        size, gone = float(np.sqrt(self._most)), self._since + 1
+        margin = int((ASTRAY[0] + ASTRAY[1] * gone) * size + TURNS * gone * float(np.linalg.norm(self._pace)))
+        x0, y0, x1, y1 = self._whole.window
+        where = within((x0 - margin, y0 - margin, x1 + margin, y1 + margin), frame)
+        sure = self._surely(frame, where)
+        if sure is None or np.count_nonzero(sure) < max(LEAST_PIXELS, SPECK * self._most):
+            return np.zeros((1, 1), bool), (0, 0, 1, 1)
+        return sure, where
+
+    def _surely(self, frame: np.ndarray, where: Window) -> np.ndarray | None:
+        """Pixels (h, w) bool in the window `where` that are surely not background and have the object's colours; None where no background
+        is known, or if the window has no area."""
+        seen = self._against_plate(frame, where)
+        if seen is None:
+            return None
+        return opened(seen[1] & (seen[0] > SURELY) & (self._other.colors.odds(cut(frame, where)) > 0.0), THICK)
+
     def _silhouette(self, frame: np.ndarray, carried: np.ndarray, where: Window) -> np.ndarray:
         """The object (h, w) bool, found near its `carried` silhouette (h, w) bool, both in the window `where`."""
         if not carried.any():
@@ -191,13 +226,24 @@ class MaskFollower:
         crop, seen, before = cut(frame, around), self._against_plate(frame, around), placed(carried, where, around)
         colors = self._other.colors.odds(crop)
         odds = total_odds(against_shape(before, band), seen, colors, self._other.over(around) & (colors < 0.0) & ~before)
-        if self._segmented is not None and (outline := self._segmented.over(around)) is not None:
-            odds += against_network(outline, self._segmented.fresh)
-        own = tidy(cut_out(odds, crop, float(np.count_nonzero(before))), before)
+        own = self._cut(odds, crop, before, around)
         if seen is not None:
             differs = seen[1] & (seen[0] > 0.0)
             self._other.keep(differs, seen[1] & ~differs, colors < 0.0, own, own | self._whole.over(around), around)
         return placed(own, around, where)
+
+    def _cut(self, odds: np.ndarray, crop: np.ndarray, before: np.ndarray, around: Window) -> np.ndarray:
+        """The object (h, w) bool by the log `odds` (h, w) and a network's outline, near the silhouette `before` (h, w) bool in the window
+        `around`, whose pixels are `crop` (h, w, 3) uint8."""
+
+        def found() -> np.ndarray:
+            return tidy(cut_out(odds, crop, float(np.count_nonzero(before))), before)
+
+        network = self._segmented
+        if network is None or network.fresh and network.confirms(found(), around) or (outline := network.over(around)) is None:
+            return found()
+        odds += against_network(outline, network.fresh)
+        return found()
 
     def _with_what_comes_back(self, frame: np.ndarray, found: np.ndarray, where: Window) -> tuple[np.ndarray, Window]:
         """The object (h, w) bool that `_silhouette` `found` in the window `where`, found again from a larger shape if much less of the
@@ -212,11 +258,9 @@ class MaskFollower:
             return found, where
         wide = shifted(window_of(found, int(0.5 * np.sqrt(self._most))), *where[:2]) if found.any() else where
         wide = within(wide, frame)
-        seen = self._against_plate(frame, wide)
-        if seen is None:
+        sure = self._surely(frame, wide)
+        if sure is None:
             return found, where
-        sure = seen[1] & (seen[0] > SURELY) & (self._other.colors.odds(cut(frame, wide)) > 0.0)
-        sure = opened(sure, THICK)
         again = connected_to(sure, placed(found, where, wide) | sure & self._whole.over(wide))
         return (self._silhouette(frame, again, wide), wide) if np.count_nonzero(again) > np.count_nonzero(found) else (found, where)
 
@@ -227,17 +271,30 @@ class MaskFollower:
         return against_plate(frame, self._behind, around, self._contrast)
 
     def _remember(
-        self, frame: np.ndarray, gray: np.ndarray, shift: np.ndarray, carried: np.ndarray, found: np.ndarray, where: Window
+        self,
+        frame: np.ndarray,
+        gray: np.ndarray,
+        shift: np.ndarray,
+        motion: np.ndarray,
+        carried: np.ndarray,
+        found: np.ndarray,
+        where: Window,
     ) -> None:
-        area = float(np.count_nonzero(found))
-        self.hidden = area < max(LOST * np.count_nonzero(carried), min(LEAST_PIXELS, 0.5 * np.count_nonzero(carried)))
+        area, before = float(np.count_nonzero(found)), float(np.count_nonzero(carried))
+        was_hidden = self.hidden
+        self.hidden = area < max(1.0, SPECK * self._most, LOST * before, min(LEAST_PIXELS, 0.5 * before))
         self._missed, self._gray = self._missed + 1 if self.hidden else 0, gray
         self._steps += 1
+        self._since += 1
         if self.hidden:
             # The shape seen last moves on at the last velocity.
             self._shape.shift(self.velocity if self._steps > 1 else shift)
             return
-        before = middle_of(self._shape.part) + self._shape.window[:2]
+        if area >= WHOLE * self._most:
+            self._since, self._corner = 0, np.array(self._whole.window[:2])
+            if not was_hidden:
+                self._pace = motion
+        middle = middle_of(self._shape.part) + self._shape.window[:2]
         self._shape.set(found, where)
-        self.velocity = middle_of(self._shape.part) + self._shape.window[:2] - before
+        self.velocity = self._pace if was_hidden else middle_of(self._shape.part) + self._shape.window[:2] - middle
         self._template = cut(frame, self._shape.window).copy()

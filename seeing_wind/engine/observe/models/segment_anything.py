@@ -73,6 +73,7 @@ class SegmentAnything:
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = min(os.cpu_count() or 1, 2)
         options.log_severity_level = 3
+        options.add_session_config_entry("session.intra_op.allow_spinning", "0")  # idle threads would keep both cores busy
         sessions = []
         for data in _files(path):
             try:

@@ -156,18 +156,46 @@ class Shown:
         return self.masks[int(frame[0, 0, 0])]
 
 
-@pytest.mark.parametrize(("frames", "every"), [(10, 3), (90, 3), (300, 10)])
-def test_a_network_is_asked_in_every_few_frames_and_its_outline_moves_on_in_between(frames: int, every: int) -> None:
-    masks = [block(20 + 2 * t, 30, 60 + 2 * t, 70) for t in range(12)]
-    network, everything = Shown(masks), (0, 0, 160, 90)
-    carried = Segmented(network, masks[0], frames)
-    for t in range(1, 12):
-        frame = np.full((90, 160, 3), t, np.uint8)
-        carried.advance(frame, None, np.array([2.0, 0.0]), masks[t], everything)
+def asked_at(masks: list[np.ndarray], frames: int) -> list[int]:
+    """The frames at which a network is asked in a clip of so many `frames`; its outline is checked in all of them."""
+    everything, asked = (0, 0, 160, 90), []
+    carried = Segmented(Shown(masks), masks[0], frames)
+    for t, mask in enumerate(masks[1:], 1):
+        carried.advance(np.full((90, 160, 3), t, np.uint8), None, np.array([1.0, 0.0]), mask, everything)
         found = carried.over(everything)
-        assert found is not None and np.array_equal(found, masks[t])
-        assert carried.fresh == (t % every == 0)
-    assert network.asked == 11 // every
+        assert found is not None and (not carried.fresh or np.array_equal(found, mask))
+        asked += [t] * carried.fresh
+    return asked
+
+
+@pytest.mark.parametrize(("frames", "at"), [(30, [3, 9, 21, 33, 45, 57, 69]), (90, [6, 18, 30, 42, 54, 66, 78]), (600, [40])])
+def test_a_network_is_asked_less_and_less_often_while_the_flow_carries_its_outline_rightly(frames: int, at: list[int]) -> None:
+    assert asked_at([block(20 + t, 30, 60 + t, 70) for t in range(80)], frames) == at
+
+
+def test_a_network_is_asked_as_often_as_at_first_while_its_outline_changes() -> None:
+    assert asked_at([block(20 + t, 30 - 2 * t, 60 + 2 * t, 70) for t in range(13)], 30) == [3, 6, 9, 12]
+
+
+def test_a_network_that_confirms_what_was_found_without_it_leaves_it_as_it_is() -> None:
+    masks, everything = [block(20 + t, 30, 60 + t, 70) for t in range(25)], (0, 0, 160, 90)
+    network = Shown(masks)
+    carried = Segmented(network, masks[0], 30)
+    for t in range(1, 25):
+        carried.advance(np.full((90, 160, 3), t, np.uint8), None, np.array([5.0, 0.0]), masks[t], everything)
+        rim = block(19 + t, 30, 60 + t, 70)  # one column more than the network finds
+        assert carried.confirms(rim, everything) == (t in (3, 9, 21))
+        assert (carried.over(everything) is None) == (t >= 3)
+    assert network.asked == 3
+
+
+def test_a_network_that_contradicts_what_was_found_without_it_keeps_its_outline() -> None:
+    masks, everything = [block(20 + t, 30, 60 + t, 70) for t in range(4)], (0, 0, 160, 90)
+    carried = Segmented(Shown(masks), masks[0], 30)
+    for t in (1, 2, 3):
+        carried.advance(np.full((90, 160, 3), t, np.uint8), None, np.array([1.0, 0.0]), masks[t], everything)
+    assert not carried.confirms(block(20, 30, 50, 70), everything)
+    assert np.array_equal(carried.over(everything), masks[3])
 
 
 def test_what_was_carried_goes_on_where_a_job_was_interrupted() -> None:
