@@ -138,7 +138,18 @@ def test_a_rope_on_the_object_is_told(disc: Scene, disc_seen: Observation, rope:
     plate = Plate(disc_seen.background, np.ones(disc.masks[0].shape, bool), 3.0)
     found = touching(tied(disc, rope), Masks.of(disc.masks), plate)
     assert (found is not None) == rope
-    assert found is None or "rope" in found.because
+    assert found is None or ("rope" in found.because and "outline" not in found.because)
+
+
+def test_an_outline_that_takes_in_a_part_of_the_rope_is_told(disc: Scene, disc_seen: Observation) -> None:
+    plate = Plate(disc_seen.background, np.ones(disc.masks[0].shape, bool), 3.0)
+    masks = disc.masks.copy()
+    x, y = np.round(disc.centers[12]).astype(int)
+    masks[12, max(y - 80, 0) : y, x - 40 : x + 20] = True
+    found = touching(tied(disc, True), Masks.of(masks), plate)
+    times = masks[12].sum() / masks[0].sum()
+    assert found is not None and found.severity > 0.65
+    assert f"In frame 12, the object's outline has {times:.1f} times its first area" in found.because
 
 
 def test_nothing_is_told_of_a_good_clip_and_the_take_keeps_what_is(disc_seen: Observation) -> None:

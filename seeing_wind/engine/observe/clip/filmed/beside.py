@@ -5,7 +5,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from ....masks import Masks
+from ....conventions import frame_named
+from ....masks import Masks, areas
 from ....records import Doubt
 from ...mask.background import Plate
 from ...mask.cutting import opened
@@ -25,6 +26,9 @@ DIFFERS = 6.0
 LEAST = 0.04
 """Least area of another thing within REACH, in units of the object's."""
 
+SWALLOWS = 1.5
+"""Growth of the object's area, beside such a thing, from which a part of that thing is suspected in the outline."""
+
 
 def touching(frames: Frames, masks: Masks, plate: Plate) -> Doubt | None:
     """The doubt to report if, in most frames, something other than a shadow differs from the background right beside the object.
@@ -32,15 +36,22 @@ def touching(frames: Frames, masks: Masks, plate: Plate) -> Doubt | None:
     Args:
         frames: (T+1, H, W, 3) uint8 RGB; masks: (T+1, H, W) bool, the object in them; plate: the background.
     """
-    chosen = some_of(len(frames), LOOKS)
-    seen = [share for share in (_beside(frames[int(t)], masks[int(t)], plate) for t in chosen if masks[int(t)].any())]
+    chosen = [int(t) for t in some_of(len(frames), LOOKS) if masks[int(t)].any()]
+    seen = [_beside(frames[t], masks[t], plate) for t in chosen]
     if not seen or np.mean([share > LEAST for share in seen]) <= 0.5:
         return None
-    return Doubt(
-        0.65,
+    because = (
         f"Something else moves and touches the object ({100 * float(np.median(seen)):.0f} % of its area, beside it): if it is a rope, a "
-        "hand or another thing, its pull is taken for a force of the field.",
-        "Mark both as one object, or mark where it is held.",
+        "hand or another thing, its pull is taken for a force of the field."
+    )
+    sizes = areas(masks[t] for t in chosen)
+    if (grown := sizes.max() / sizes[0]) < SWALLOWS:
+        return Doubt(0.65, because, "Mark both as one object, or mark where it is held.")
+    worst = frame_named(chosen[int(sizes.argmax())])
+    return Doubt(
+        0.9,
+        f"{because} In {worst}, the object's outline has {grown:.1f} times its first area, so a part of that thing may be in it.",
+        "Look at the film, and correct the outline where it is wrong. Else mark both as one object, or mark where it is held.",
     )
 
 
