@@ -13,6 +13,7 @@ from .carried import Carried, Segmented, Segmenter
 from .cutting import LEAST_PIXELS, connected_to, opened, tidy
 from .evidence import Contrast, against_network, against_plate, against_shape, cut_out, total_odds
 from .motion import Flow, FlowSolver, Window, band_of, body_shift, cut, median_of, middle_of, paste, placed, shifted, window_of, within
+from .moving.last_seen import LastSeen
 from .moving.others import Other
 from .moving.panned import PannedPlate
 from .rim import cut_back
@@ -20,22 +21,12 @@ from .rim import cut_back
 LOST = 0.3
 """Fraction of the expected area below which the object counts as hidden or gone; the last shape seen is then kept for the search."""
 
-SPECK = 0.02
-"""Fraction of the object's largest area below which what is left of it is too little to follow."""
-
-ASTRAY, TURNS = (0.5, 0.05), 0.3
-"""How far a hidden object may be from where it would be if it moved on as when it was last seen whole: in sizes of the object, at once and
-more for each frame since, and in units of the distance that it would have moved."""
-
 LEAP = 80.0
 """Distance [px] up to which a small object may move several times its own width from frame 0 to the next."""
 
 WHOLE, SURELY = 0.9, 2.0
 """Fraction of the object's largest area below which its missing part is looked for, and the log odds from the background which that part
 must have at least."""
-
-THICK = 5
-"""Least thickness [px] of a part that reappears: what is thinner is a rim that was carried too far."""
 
 FILTERS = 8
 """Pixels that filters reach beyond the window whose values are needed."""
@@ -93,7 +84,7 @@ class MaskFollower:
         self._template = cut(frame, self._shape.window).copy()
         self._steps = 0
         self._missed = 0
-        self._since, self._pace, self._corner = 0, np.zeros(2), np.array(self._whole.window[:2])
+        self._last = LastSeen(frame, mask)
         self._most = float(np.count_nonzero(mask))
         self._other = Other(frame, mask, known.other)
         self._segmented = None if known.network is None else Segmented(known.network, mask, known.frames)
@@ -108,7 +99,7 @@ class MaskFollower:
         if self._panned is not None:
             self._behind = self._panned.carried(gray)
         comes_back = self.hidden and self._behind is not None
-        shift = self._pace if comes_back else self._search(frame)
+        shift = self._last.pace if comes_back else self._search(frame)
         self._progress.check()
         window = self._shape.window
         side = max(window[2] - window[0], window[3] - window[1])
@@ -118,7 +109,7 @@ class MaskFollower:
         self._progress.check()
         motion = self._motion()
         if comes_back:
-            self._whole.place(self._corner + (self._since + 1) * self._pace)
+            self._whole.place(np.array(self._last.expected[:2]))
         else:
             self._whole.shift(motion)
         self._other.move(frame, self.flow, motion, wide)
@@ -145,23 +136,20 @@ class MaskFollower:
         own = {
             "template": self._template,
             "velocity": self.velocity,
-            "pace": self._pace,
-            "corner": self._corner,
-            "counts": np.array([self._steps, self._missed, self._since, self.hidden, self._most]),
-        } | self._shape.state() | self._whole.state() | self._other.state()
+            "counts": np.array([self._steps, self._missed, self.hidden, self._most]),
+        } | self._shape.state() | self._whole.state() | self._last.state() | self._other.state()
         for more in (self._panned, self._segmented):
             own |= {} if more is None else more.state()
         return own
 
     def resume(self, frame: np.ndarray, mask: np.ndarray, state: dict[str, np.ndarray]) -> None:
         """See `through.Follower.resume`."""
-        steps, missed, self._since, hidden, most = (int(value) for value in state["counts"])
-        self._pace, self._corner = state["pace"], state["corner"]
+        steps, missed, hidden, most = (int(value) for value in state["counts"])
         self._template = state["template"]
         self._steps, self._missed, self._most = steps, missed, float(most)
         self.hidden, self.velocity = hidden > 0, state["velocity"]
         self._gray, self.mask, self.flow = cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY), mask, None
-        for carried in (self._shape, self._whole, self._other):
+        for carried in (self._shape, self._whole, self._last, self._other):
             carried.resume(state)
         if self._panned is not None:
             self._panned.resume(frame, state)
@@ -179,7 +167,7 @@ class MaskFollower:
     def _motion(self) -> np.ndarray:
         """Motion (2,) [px] of the whole object: the median flow, as its centroid would also move by what the mask gains or loses."""
         if self.flow is None:
-            return self._pace
+            return self._last.pace
         motion = np.ascontiguousarray(self.flow.of(self._shape.part, self._shape.window).T)
         return np.array([median_of(one) for one in motion])
 
@@ -195,16 +183,16 @@ class MaskFollower:
         return opened(moved.over(where)), where
 
     def _coming_back(self, frame: np.ndarray) -> tuple[np.ndarray, Window]:
-        """Pixels (h, w) bool that may be of the object, which is hidden so far, and their window: near where it would be by now, surely not
-        background, and with the object's colours."""
-        size, gone = float(np.sqrt(self._most)), self._since + 1
-        margin = int((ASTRAY[0] + ASTRAY[1] * gone) * size + TURNS * gone * float(np.linalg.norm(self._pace)))
-        x0, y0, x1, y1 = self._whole.window
-        where = within((x0 - margin, y0 - margin, x1 + margin, y1 + margin), frame)
-        sure = self._surely(frame, where)
-        if sure is None or np.count_nonzero(sure) < max(LEAST_PIXELS, SPECK * self._most):
-            return np.zeros((1, 1), bool), (0, 0, 1, 1)
-        return sure, where
+        """Pixels (h, w) bool that may be of the object, which is hidden so far, and their window.
+
+        They are near where it would be by now or where it was seen last, surely not background, and have the object's colours. Without
+        any, it may stand where it stood.
+        """
+        for where in self._last.sought(frame):
+            sure = self._surely(frame, where)
+            if sure is not None and self._last.enough(sure, LEAST_PIXELS):
+                return sure, where
+        return self._last.again(frame) or (np.zeros((1, 1), bool), (0, 0, 1, 1))
 
     def _surely(self, frame: np.ndarray, where: Window) -> np.ndarray | None:
         """Pixels (h, w) bool in the window `where` that are surely not background and have the object's colours; None where no background
@@ -212,7 +200,7 @@ class MaskFollower:
         seen = self._against_plate(frame, where)
         if seen is None:
             return None
-        return opened(seen[1] & (seen[0] > SURELY) & (self._other.colors.odds(cut(frame, where)) > 0.0), THICK)
+        return opened(seen[1] & (seen[0] > SURELY) & (self._other.colors.odds(cut(frame, where)) > 0.0), self._last.thick)
 
     def _silhouette(self, frame: np.ndarray, carried: np.ndarray, where: Window) -> np.ndarray:
         """The object (h, w) bool, found near its `carried` silhouette (h, w) bool, both in the window `where`."""
@@ -282,19 +270,17 @@ class MaskFollower:
     ) -> None:
         area, before = float(np.count_nonzero(found)), float(np.count_nonzero(carried))
         was_hidden = self.hidden
-        self.hidden = area < max(1.0, SPECK * self._most, LOST * before, min(LEAST_PIXELS, 0.5 * before))
+        few = min(LEAST_PIXELS, 0.5 * before)
+        self.hidden = area < max(LOST * before, few) or not self._last.enough(found, 1)
         self._missed, self._gray = self._missed + 1 if self.hidden else 0, gray
         self._steps += 1
-        self._since += 1
         if self.hidden:
+            self._last.missed()
             # The shape seen last moves on at the last velocity.
             self._shape.shift(self.velocity if self._steps > 1 else shift)
             return
-        if area >= WHOLE * self._most:
-            self._since, self._corner = 0, np.array(self._whole.window[:2])
-            if not was_hidden:
-                self._pace = motion
+        self._last.seen(frame, found, where, None if was_hidden else motion)
         middle = middle_of(self._shape.part) + self._shape.window[:2]
         self._shape.set(found, where)
-        self.velocity = self._pace if was_hidden else middle_of(self._shape.part) + self._shape.window[:2] - middle
+        self.velocity = self._last.pace if was_hidden else middle_of(self._shape.part) + self._shape.window[:2] - middle
         self._template = cut(frame, self._shape.window).copy()

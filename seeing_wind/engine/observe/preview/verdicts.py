@@ -264,7 +264,7 @@ def _depth_motion(seen: Observation) -> Verdict:
         return Verdict("motion in depth", 0.0, "It stays about as large, so it moves across the view.")
     return Verdict(
         "motion in depth", 0.5, f"It {'grows' if most > 1.0 else 'shrinks'} to {100 * most:.0f} % of its first size: it moves along the "
-        "view, turns or stretches, which one camera cannot tell apart.", "Film across the motion, or add a second view.",
+        "view, turns, stretches or is partly hidden, which one camera cannot tell apart.", "Film across the motion, or add a second view.",
     )  # fmt: skip
 
 

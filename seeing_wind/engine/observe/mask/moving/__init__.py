@@ -5,5 +5,6 @@
     in_box.py      the choice between these two
     registered.py  the first frames of a moving camera, warped as if it had stood still
     panned.py      the background of a moving camera, from what it has shown beside the object so far
+    last_seen.py   where the object was seen last, and where it may come out again once something hides it
     others.py      other things that move beside the object, come up to it or hold it
 """
