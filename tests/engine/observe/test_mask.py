@@ -7,7 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from scenes import HEIGHT, WIDTH, Scene, moving_body, noise, painted_scene, write_video
+from scenes import HEIGHT, WIDTH, Scene, moving_body, noise, painted_scene
 from scipy import ndimage
 
 from seeing_wind.engine.command.arguments import parser
@@ -197,59 +197,6 @@ def test_background_is_known_where_the_object_comes_to_turn(tmp_path: Path) -> N
     assert np.abs(better.color[place].astype(int) - scene.frames[0][place]).mean() < 3
     seen = observe(scene.path, ObserveSettings(box=scene.box, distance=1.0), NoProgress())
     assert overlap(seen.masks, scene.masks).min() > 0.9
-
-
-def behind_a_post(folder: Path, radius: float, post: int) -> tuple[Scene, np.ndarray, np.ndarray]:
-    """A disc that passes behind a post `post` px wide, its frames and its true masks (25, H, W)."""
-    centers = np.stack([45.0 + 6.0 * np.arange(25.0), np.full(25, 80.0)], axis=1)
-    pattern = noise(np.random.default_rng(7), (90, 90), (120, 40, 20), (255, 200, 110), 1.6)
-    disc = moving_body(folder, centers, np.zeros(25), radius, pattern)
-    wood = noise(np.random.default_rng(5), (HEIGHT, post), (45, 105, 45), (75, 135, 75), 2.0)
-    frames, masks = disc.frames.copy(), disc.masks.copy()
-    frames[:, :, 100 : 100 + post], masks[:, :, 100 : 100 + post] = wood, False
-    return disc, frames, masks
-
-
-def seen_of(disc: Scene, frames: np.ndarray, radius: float) -> np.ndarray:
-    """The masks (25, H, W) that are found of that disc in its `frames`."""
-    write_video(disc.path, list(frames), 30.0)
-    box = (41.0 - radius, 76.0 - radius, 49.0 + radius, 84.0 + radius)
-    return np.asarray(observe(str(disc.path), ObserveSettings(box=box, distance=1.0), NoProgress()).masks)
-
-
-@pytest.mark.parametrize(("radius", "post"), [(30.0, 20), (20.0, 12), pytest.param(30.0, 12, marks=pytest.mark.slow)])
-def test_what_passes_behind_a_still_post_is_known_again_beside_it(tmp_path: Path, radius: float, post: int) -> None:
-    disc, frames, masks = behind_a_post(tmp_path, radius, post)
-    alike = overlap(seen_of(disc, frames, radius), masks)
-    # On both sides of the post: before, it was lost to the last pixel, and then grew back by 20 px a frame.
-    assert min(alike) > 0.8 and np.median(alike) > 0.95
-
-
-def test_what_is_all_hidden_for_a_while_is_found_again_and_nothing_else_before(tmp_path: Path) -> None:
-    """A disc behind a post that is half as wide again, while a patch of its own colours shows and vanishes elsewhere."""
-    disc, frames, masks = behind_a_post(tmp_path, 20.0, 60)
-    hidden = np.flatnonzero(masks.sum(axis=(1, 2)) < 20)
-    assert len(hidden) >= 3
-    frames[hidden[1:-1], 4:20, 4:20] = disc.frames[0][72:88, 37:53]
-    found = seen_of(disc, frames, 20.0)
-    assert not found[hidden].any()
-    whole = masks.sum(axis=(1, 2)) > 0.95 * masks[0].sum()
-    assert overlap(found[whole], masks[whole]).min() > 0.9
-    assert np.array_equal(np.flatnonzero(whole)[[0, -1]], [0, 24])  # before the post and after it
-
-
-def test_the_middle_of_a_part_of_a_plain_body_is_not_taken_for_that_of_all_of_it(tmp_path: Path) -> None:
-    disc, _, _ = behind_a_post(tmp_path, 20.0, 60)
-    plain = disc.frames.copy()
-    plain[disc.masks] = (200, 60, 50)
-    plain[:, :, 100:160] = (60, 110, 60)
-    write_video(disc.path, list(plain), 30.0)
-    seen = observe(disc.path, ObserveSettings(box=(21.0, 56.0, 69.0, 104.0), distance=1.0), NoProgress())
-    assert seen.on_centroid.all() and seen.xy.shape[1] == 1
-    off = np.linalg.norm(seen.xy[:, 0] - disc.centers, axis=1)
-    # Of a quarter of the disc, the middle is 10 px off.
-    assert off[seen.visible[:, 0]].max() < 1.5
-    assert seen.visible[:6].all() and seen.visible[-2:].all() and not seen.visible[10:18].any()
 
 
 def test_a_body_may_hide_what_it_encloses_and_a_stem_with_leaves_may_not() -> None:

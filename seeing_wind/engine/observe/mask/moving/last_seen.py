@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..cutting import opened
-from ..motion import Window, body_shift, cut, placed, window_of, within
+from ..motion import Window, body_shift, cut, window_of, within
 
 WHOLE = 0.9
 """Fraction of the object's largest area from which it counts as seen whole."""
@@ -84,18 +84,24 @@ class LastSeen:
     def again(self, frame: np.ndarray) -> tuple[np.ndarray, Window] | None:
         """The object as it was last seen whole (h, w) bool, and its window in the next `frame` (H, W, 3), if it looks the same there.
 
-        This finds what hardly leaves its place, where the background is not known.
+        This finds what sways in one place, where the background is not known.
         """
+        (x0, y0, _, _), (ahead, top) = self._window, self.expected[:2]
+        found = [self._match(frame, np.array(shift)) for shift in ((ahead - x0, top - y0), (0, 0))]
+        apart, there = min(found, key=lambda one: one[0])
+        return (self._part, there) if apart <= SAME else None
+
+    def _match(self, frame: np.ndarray, expected: np.ndarray) -> tuple[float, Window]:
+        """The median difference of colour [grey levels] from the object as it was last seen whole, and its window, where it fits best near
+        the `expected` shift (2,) [px]; infinite if a part would be outside the `frame`."""
         x0, y0, x1, y1 = self._window
-        (ahead, top), size = self.expected[:2], float(np.sqrt(self._area))
-        shift = body_shift(self._template, self._part, (x0, y0), frame, np.array([ahead - x0, top - y0]), max(3.0, ASTRAY[0] * size))
-        dx, dy = (int(value) for value in np.round(shift))
+        reach = max(3.0, ASTRAY[0] * float(np.sqrt(self._area)))
+        dx, dy = (int(value) for value in np.round(body_shift(self._template, self._part, (x0, y0), frame, expected, reach)))
         there = (x0 + dx, y0 + dy, x1 + dx, y1 + dy)
-        inside = placed(np.ones(frame.shape[:2], bool), (0, 0, frame.shape[1], frame.shape[0]), there) & self._part
-        if np.count_nonzero(inside) < WHOLE * np.count_nonzero(self._part):
-            return None
-        apart = np.abs(cut(frame, there).astype(np.int16) - self._template).max(axis=2)[inside]
-        return (self._part, there) if float(np.median(apart)) <= SAME else None
+        if within(there, frame) != there:
+            return np.inf, there
+        apart = np.abs(cut(frame, there).astype(np.int16) - self._template).max(axis=2)
+        return float(np.median(apart[self._part])), there
 
     def state(self) -> dict[str, np.ndarray]:
         """All that later frames depend on."""
