@@ -106,6 +106,7 @@ def recover(out: Path) -> dict:
     python = os.environ.get("SEEING_WIND_PYTHON", sys.executable)
     command = [python, "-m", "seeing_wind.engine", "recover", str(clip / "clip.mp4"), "--take", str(out / "wind.take")]
     command += ["--box", *map(str, known["box"]), "--camera", str(clip / "camera.json"), "--distance", str(known["distance"])]
+    command += ["--outline-model", "none"]  # so that the figures do not depend on what else is installed
     for name in ("material", "density", "youngs_modulus", "thickness"):
         command += [f"--{name.replace('_', '-')}", str(known[name])]
     result, error, shown = {}, {}, ""

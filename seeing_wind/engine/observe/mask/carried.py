@@ -18,9 +18,8 @@ STEADY = 0.9
 """Overlap of a network's outline with the one before, carried by the flow, from which that number of frames doubles."""
 
 ALIKE = 0.96
-"""Overlap from which a network's outline confirms the one found without it, which is then kept as it is. The little by which the two differ
-is the network's error as often as not, and it changes from frame to frame: on the demo's leaf, before a background that is known, it made
-the error of the force half as large again."""
+"""Overlap from which a network's outline confirms the one found without it, which is then kept as it is: the little by which the two differ
+is the network's error as often as not, and it changes from frame to frame."""
 
 
 class Carried:
