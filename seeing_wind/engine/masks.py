@@ -11,9 +11,11 @@ import numpy as np
 
 from .errors import WrongTake
 
-NEAR, WHOLE = 30, 0.9
-"""Frames beside those in which an object is hidden in which it is looked for as a whole, and the fraction of its largest size there from
-which it counts as whole."""
+WHOLE = 0.9
+"""Fraction of an object's largest area from which it counts as seen whole."""
+
+NEAR = 30
+"""Frames beside those in which an object is hidden in which it is looked for as a whole."""
 
 DAMAGED = WrongTake("The take's masks are damaged.", "Run `recover` again.")
 

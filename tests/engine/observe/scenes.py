@@ -70,6 +70,12 @@ def moving_body(
     return Scene(path, np.stack(frames), np.stack(masks), np.asarray(centers), np.asarray(angles))
 
 
+def overlap(found: np.ndarray, true: np.ndarray) -> np.ndarray:
+    """Intersection over union (T,) of masks (T, H, W) that are not both empty."""
+    found, true = np.asarray(found), np.asarray(true)
+    return (found & true).sum(axis=(1, 2)) / (found | true).sum(axis=(1, 2))
+
+
 def write_video(path: Path, frames: list[np.ndarray], fps: float) -> None:
     """RGB frames as Motion JPEG, which every OpenCV can write and read."""
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), fps, frames[0].shape[1::-1])

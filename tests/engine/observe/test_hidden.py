@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scenes import HEIGHT, WIDTH, Scene, moving_body, noise, write_video
+from scenes import HEIGHT, WIDTH, Scene, moving_body, noise, overlap, write_video
 
 from seeing_wind.engine.observe import observe
 from seeing_wind.engine.progress import NoProgress
@@ -34,11 +34,6 @@ def seen_of(disc: Scene, radius: float) -> Observation:
     write_video(disc.path, list(disc.frames), 30.0)
     (x, y), reach = disc.centers[0], radius + 4.0
     return observe(str(disc.path), ObserveSettings(box=(x - reach, y - reach, x + reach, y + reach), distance=1.0), NoProgress())
-
-
-def overlap(found: np.ndarray, true: np.ndarray) -> np.ndarray:
-    """Intersection over union (T,) of masks (T, H, W) that are not both empty."""
-    return (found & true).sum(axis=(1, 2)) / (found | true).sum(axis=(1, 2))
 
 
 def check_found(disc: Scene, seen: Observation, hidden: int) -> None:

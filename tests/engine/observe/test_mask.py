@@ -7,7 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from scenes import HEIGHT, WIDTH, Scene, moving_body, noise, painted_scene
+from scenes import HEIGHT, WIDTH, Scene, moving_body, noise, overlap, painted_scene
 from scipy import ndimage
 
 from seeing_wind.engine.command.arguments import parser
@@ -20,11 +20,6 @@ from seeing_wind.engine.observe.mask.motion import median_of
 from seeing_wind.engine.progress import NoProgress, Progress
 from seeing_wind.engine.records import Observation
 from seeing_wind.engine.settings import ObserveSettings
-
-
-def overlap(found: np.ndarray, true: np.ndarray) -> np.ndarray:
-    found, true = np.asarray(found), np.asarray(true)
-    return (found & true).sum(axis=(1, 2)) / (found | true).sum(axis=(1, 2))
 
 
 def test_box_follows_the_silhouette(disc: Scene, disc_seen: Observation) -> None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from ...masks import WHOLE
 from ...progress import Progress
 from .background import Plate
 from .carried import Carried, Segmented, Segmenter
@@ -24,9 +25,8 @@ LOST = 0.3
 LEAP = 80.0
 """Distance [px] up to which a small object may move several times its own width from frame 0 to the next."""
 
-WHOLE, SURELY = 0.9, 2.0
-"""Fraction of the object's largest area below which its missing part is looked for, and the log odds from the background which that part
-must have at least."""
+SURELY = 2.0
+"""Log odds from the background which the object's missing part must have at least; it is looked for while less than WHOLE of it is seen."""
 
 FILTERS = 8
 """Pixels that filters reach beyond the window whose values are needed."""

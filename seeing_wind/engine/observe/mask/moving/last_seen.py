@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from ....masks import WHOLE
 from ..cutting import opened
 from ..motion import Window, body_shift, cut, window_of, within
-
-WHOLE = 0.9
-"""Fraction of the object's largest area from which it counts as seen whole."""
 
 FADES = 0.97
 """What the largest area counts for from one frame to the next: what moves away gets smaller without being hidden."""
