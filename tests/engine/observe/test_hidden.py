@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from interrupted import assert_same, in_pieces
 from scenes import HEIGHT, WIDTH, Scene, moving_body, noise, overlap, write_video
 
 from seeing_wind.engine.observe import observe
@@ -73,9 +74,15 @@ def test_what_turns_back_while_it_is_hidden_is_found_where_it_went_in(tmp_path: 
 
 
 def test_what_sways_in_its_place_is_found_when_something_has_passed_before_it(tmp_path: Path) -> None:
-    """The background is not known in its place, so it is recognised by its looks."""
+    """The background is not known in its place, so it is recognised by its looks; also if the job is killed while it is hidden."""
     disc = hidden_by(50, tmp_path, 16.0, 100.0 + 3.0 * np.sin(0.7 * T), 12.0 * (T - 6.0))
-    check_found(disc, seen_of(disc, 16.0), 1)
+    seen = seen_of(disc, 16.0)
+    check_found(disc, seen, 1)
+    (x, y), reach = disc.centers[0], 20.0
+    settings = ObserveSettings(box=(x - reach, y - reach, x + reach, y + reach), distance=1.0)
+    resumed, kills, _ = in_pieces(disc.path, settings, tmp_path, 2)
+    assert kills > 10
+    assert_same(resumed, seen)
 
 
 def test_the_middle_of_a_part_of_a_plain_body_is_not_taken_for_that_of_all_of_it(tmp_path: Path) -> None:
