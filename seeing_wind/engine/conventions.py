@@ -37,10 +37,12 @@ from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 if TYPE_CHECKING:
     import numpy as np
+
+Number = TypeVar("Number", float, "np.ndarray")
 
 GRAVITY = (0.0, 0.0, -9.81)
 """Standard gravity in Blender's world [m/s²]."""
@@ -78,8 +80,8 @@ def front_view(distance: float) -> np.ndarray:
     return pose
 
 
-def lame(youngs_modulus: float, poisson_ratio: float) -> tuple[float, float]:
-    """Lamé's parameters (mu, lam) [Pa] from Young's modulus [Pa] and Poisson's ratio."""
+def lame(youngs_modulus: Number, poisson_ratio: Number) -> tuple[Number, Number]:
+    """Lamé's parameters (mu, lam) [Pa] from Young's modulus [Pa] and Poisson's ratio, numbers or arrays."""
     mu = youngs_modulus / (2.0 * (1.0 + poisson_ratio))
     lam = youngs_modulus * poisson_ratio / ((1.0 + poisson_ratio) * (1.0 - 2.0 * poisson_ratio))
     return mu, lam

@@ -219,6 +219,8 @@ SHAPES: dict[str, dict[str, str]] = {
     },
     "Body": {
         "particles.x": "N 3", "particles.volume": "N", "particles.pinned": "N", "particles.stiffness": "N", "gaussians.x": "G 3",
+        "particles.mixture.density": "N", "particles.mixture.youngs_modulus": "N", "particles.mixture.poisson_ratio": "N",
+        "particles.mixture.retardation": "N",
         "gaussians.scale": "G 3", "gaussians.rotation": "G 4", "gaussians.opacity": "G", "gaussians.sh": "G B 3",
         "gaussians.attachment.index": "G J", "gaussians.attachment.weight": "G J", "surface.vertices": "V 3", "surface.triangles": "M 3",
         "surface.uv": "V 2", "surface.attachment.index": "V I", "surface.attachment.weight": "V I", "keypoints.index": "K L",
@@ -233,8 +235,9 @@ SHAPES: dict[str, dict[str, str]] = {
 """Shapes of the arrays in the records of a take; a letter stands for the same number everywhere in a record."""
 
 FINITE = {
-    "Body": ("particles.x", "particles.volume", "surface.vertices", "path", "path_sigma", "measured.x", "measured.modes",
-             "measured.covariance"),
+    "Body": ("particles.x", "particles.volume", "particles.mixture.density", "particles.mixture.youngs_modulus",
+             "particles.mixture.poisson_ratio", "particles.mixture.retardation", "surface.vertices", "path", "path_sigma", "measured.x",
+             "measured.modes", "measured.covariance"),
     "Recovery": ("force_density", "x", "F", "v0", "section", "section_axes", "held_covariance"),
 }
 """Arrays that must be finite in an undamaged take."""

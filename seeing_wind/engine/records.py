@@ -181,6 +181,20 @@ class Observation:
 
 
 @dataclass(frozen=True)
+class Mixture:
+    """How the materials of a body's parts differ from the body's own material, by particle."""
+
+    density: np.ndarray
+    """(N,) factor on the material's density."""
+    youngs_modulus: np.ndarray
+    """(N,) factor on the material's Young's modulus."""
+    poisson_ratio: np.ndarray
+    """(N,) of the part itself."""
+    retardation: np.ndarray
+    """(N,) of the part itself [s], see `Material.retardation`."""
+
+
+@dataclass(frozen=True)
 class Particles:
     """The material points of a body at rest."""
 
@@ -193,7 +207,22 @@ class Particles:
     spacing: float
     """Mean distance of neighbouring particles [m]; the grid's dx follows from it."""
     stiffness: np.ndarray | None = None
-    """(N,) factor on the material's Young's modulus; None is one everywhere."""
+    """(N,) factor on the Young's modulus of the particle's material; None is one everywhere."""
+    mixture: Mixture | None = None
+    """The materials of the body's parts; None if all have the body's material."""
+
+    @property
+    def relative_density(self) -> np.ndarray:
+        """(N,) density in units of the body's material's."""
+        return np.ones(len(self.x)) if self.mixture is None else self.mixture.density
+
+    def density(self, material: Material) -> np.ndarray:
+        """(N,) density [kg/m³] of a body of this material."""
+        return material.density * self.relative_density
+
+    def mass(self, material: Material) -> float:
+        """Mass [kg] of a body of this material."""
+        return material.density * float((self.volume * self.relative_density).sum())
 
 
 @dataclass(frozen=True)
@@ -286,6 +315,10 @@ class Body:
     """(T+1, V) standard deviation of a coordinate of `path` [m]."""
     measured: Measured | None = None
     """The measurements of a sheet in single frames, from which `path` is a smooth motion; None for a solid."""
+    told: tuple[str, ...] = ()
+    """Notes on how it was built."""
+    top_heavy: str = ""
+    """The note on a head that is heavier than its stem can bear, which matters under gravity; "" if it is not."""
 
 
 @dataclass(frozen=True)

@@ -38,7 +38,7 @@ BLOCK = 2**24
 FORMAT = 1
 """Version of the take's layout."""
 
-VERSION = 39
+VERSION = 40
 """Part of every stamp: raise it when a stage's results change, so that old takes are redone."""
 
 LEVEL = 3

@@ -43,6 +43,8 @@ from tests.engine.command_line import FLAT, clip, in_a_process_of_its_own
         (["--mask"], "--mask needs a value."),
         (["--bx", "1"], "Unknown options: --bx 1.See `seeing_wind.engine --help`."),
         (["--material", "unobtainium", "--box", "12", "10", "32", "30"], "unobtainium"),
+        (["--head-material", "unobtainium", "--box", "12", "10", "32", "30"], "There is no material 'unobtainium'"),
+        (["--leaf-material", "clay", "--box", "12", "10", "32", "30"], "--leaf-material clay cannot be used: clay has the plastic law"),
         (["--yield-stress", "9", "--box", "12", "10", "32", "30"], "leaf has the elastic law neo_hookean"),
         (["--frame-iterations", "5", "--box", "12", "10", "32", "30"], "--frame-iterations belongs to --schedule paper."),
         (["--schedule", "paper", "--iterations", "5"], "--iterations 5 belongs to the default schedule."),
@@ -145,6 +147,16 @@ def test_a_material_that_was_not_told_is_said_in_the_result(engine, square: Path
     asked = ["--material-endpoint", "http://localhost:1/v1", "--material-model", "any"]
     result = engine(*words, *quick, *asked, expect=0)[-1]
     assert any("The material leaf is used instead" in note for note in result["notes"])
+
+
+def test_a_material_for_a_part_that_is_not_there_is_said_to_have_no_effect(engine, square: Path, tmp_path: Path) -> None:
+    words = [square, "--take", tmp_path / "t.take", "--box", 12, 10, 32, 30, "--distance", 2, "--frames", "1:5"]
+    said = "--head-material had no effect: no stem was found"
+    seen = engine("observe", *words, "--head-material", "foam", expect=0)[-1]["verdicts"]
+    assert any(one["item"] == "body" and said in one["because"] and one["severity"] > 0.0 for one in seen)
+    quick = ["--iterations", 1, "--representation", "point", "--report", "none"]
+    assert any(said in note for note in engine("recover", *words, *quick, "--head-material", "foam", expect=0)[-1]["notes"])
+    assert not any(said in note for note in engine("recover", *words, *quick, expect=0)[-1]["notes"])
 
 
 def test_what_observe_has_told_is_in_the_notes_of_the_recovery_that_goes_on_from_it(engine, square: Path, tmp_path: Path) -> None:

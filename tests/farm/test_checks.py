@@ -71,6 +71,8 @@ def of_file(jobs: Path) -> argparse.Namespace:
         ('camera = "text.png"', "The camera"),
         ('depth = "text.png"', "is not an NPY array"),
         ('tracks = "text.png"', "are not an NPZ of plain arrays"),
+        ('head_material = "unobtainium"', "There is no material 'unobtainium'."),
+        ('leaf_material = "clay"', "`leaf_material` clay cannot be used: clay has the plastic law"),
         ('form = "sheet", material = "steel"', "steel is not known as a sheet. Give one of cotton, denim,"),
         ('form = "sheet", law = "von_mises", yield_stress = 1e4', "A sheet is elastic: it has no plastic law. Leave `law` out"),
         ('schedule = "paper", iterations = 5', "`iterations` 5 belongs to the default schedule."),

@@ -15,7 +15,7 @@ from .. import __version__
 from ..conventions import NO_GRAVITY
 from ..errors import UsageError
 from ..settings import BuildSettings, Edit, ObserveSettings, Option, RecoverSettings, ReportSettings, WindSettings, options_of
-from ..settings.build import MADE, may_be_sheet
+from ..settings.build import MADE, may_be_sheet, part_materials
 from ..settings.observe import NETWORKS, NO_NETWORK, SEEN, VIEW, installed_network
 from ..settings.recover import SOLVE
 
@@ -209,7 +209,9 @@ def observe_settings(arguments: argparse.Namespace) -> ObserveSettings:
     Raises:
         MaterialError: an unknown material, or numbers that are not physical.
     """
-    sheet = may_be_sheet(settings_of(BuildSettings, arguments))
+    building = settings_of(BuildSettings, arguments)
+    part_materials(building)  # refused now, not once the clip was read
+    sheet = may_be_sheet(building)
     unknown = getattr(arguments, "material_endpoint", None) is not None
     settings = settings_of(ObserveSettings, arguments, recognise=sheet or unknown)
     if settings.outline_model is None and settings.mask_model is None:

@@ -8,13 +8,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import ClipError, UsageError
-from ..materials import adjust, find
 from ..progress import Progress
 from ..settings import BuildSettings, ObserveSettings, RecoverSettings
-from ..settings.build import sheet_of
+from ..settings.build import part_materials, sheet_of
 from ..stages import check_sheet, check_solve
 from ..take import Take
-from .arguments import observe_settings, properties_of, settings_of
+from .arguments import observe_settings, settings_of
 from .inputs import check_place, inputs_of, refuse_of_another
 
 if TYPE_CHECKING:
@@ -35,7 +34,7 @@ def check_recovery(arguments: argparse.Namespace, progress: Progress) -> tuple[R
 
     require_clip(arguments.clip)
     _check_views(arguments, progress)
-    adjust(find(arguments.material), **properties_of(arguments))
+    part_materials(settings_of(BuildSettings, arguments))
     settings = settings_of(RecoverSettings, arguments, clamp_depth=PAINTED_DEPTH)
     check_solve(settings, clip=True, views=len(arguments.view))
     if arguments.form == "sheet":

@@ -33,6 +33,9 @@ IMAGE, FILM, HELD = "preview.png", "preview.mp4", "held.png"
 FILM_SIDE = 640
 """Largest length [px] of the film's longer side: it suffices to see what is followed, and most of the time goes into writing the film."""
 
+DOUBTFUL = 0.6
+"""Severity of a note on the body that would be built."""
+
 
 def observe(arguments: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     """`observe CLIP --take DIR` -> preview.png, preview.mp4 and preview.json; held.png where the object seems to be held."""
@@ -72,7 +75,7 @@ def observe(arguments: argparse.Namespace, progress: Progress) -> dict[str, Any]
 
 
 def _time(seen: Observation, arguments: argparse.Namespace) -> list[Verdict]:
-    """A verdict on how long the solve would take on this machine for the body that would be built; none while that is not known."""
+    """Verdicts on the body that would be built, and on how long the solve would take on this machine, if that is known."""
     from ..observe.object.body import rest_body
     from ..observe.preview.verdicts import Verdict
     from ..recovery.cost import known_speed, work_of
@@ -83,12 +86,13 @@ def _time(seen: Observation, arguments: argparse.Namespace) -> list[Verdict]:
         return [Verdict(BODY, 1.0, f"It cannot be built. {error.message}", error.hint)]
     if body is None:
         return []
-    material, particles = body
-    work = work_of(particles, material, seen.fps, seen.frames, seen.xy.shape[1], settings_of(RecoverSettings, arguments))
+    solving = settings_of(RecoverSettings, arguments)
+    said = [Verdict(BODY, DOUBTFUL, note) for note in (*body.told, *([body.top_heavy] if any(solving.gravity) and body.top_heavy else []))]
+    work = work_of(body.particles, body.material, seen.fps, seen.frames, seen.xy.shape[1], solving)
     speed = known_speed(work.plastic) if work is not None else None
     if work is None or speed is None:
-        return []
-    return [Verdict(TIME, 0.0, f"The solve takes about {in_words(work.seconds(speed))} on this machine.")]
+        return said
+    return [*said, Verdict(TIME, 0.0, f"The solve takes about {in_words(work.seconds(speed))} on this machine.")]
 
 
 class _Film:

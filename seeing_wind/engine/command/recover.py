@@ -152,6 +152,7 @@ def _recover_into(
         building, asked = _timed(seconds, "material", lambda: ask_material(take, endpoint, observation, building, progress))
     body, upstream = _timed(seconds, "build", lambda: build_stage(take, observation, seen, building, progress))
     severe, doubtful = doubt_remarks(observation, observing, 1 + len(arguments.view))
+    asked += [*body.told, *([body.top_heavy] if any(settings.gravity) and body.top_heavy else [])]
     targets = [track_targets(observation, body)]
     if arguments.view:
         body, targets, upstream = _with_views(take, arguments.view, observing, observation, body, targets, upstream, progress)

@@ -5,6 +5,7 @@ The kernels read arrays without checking their length, so every array that gets 
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Sequence
 
@@ -13,7 +14,7 @@ import numpy as np
 from ..conventions import frame_named, in_units
 from ..errors import MaterialError, SimulationError, UsageError
 from ..materials import Material, adjust
-from ..records import Particles
+from ..records import Mixture, Particles
 from .lattice.boundary import HELD
 from .laws.constitutive import LAWS
 from .model import Model
@@ -70,6 +71,24 @@ def _check_body(body: Particles, whose: str) -> None:
         size = in_units(volume.flat[particle], "m³")
         raise UsageError(f"The volume of particle {particle}{whose} is {size}.", "Give volumes above zero.")
     positive(f"The spacing of the particles{whose}", body.spacing)
+    if body.mixture is not None:
+        _check_mixture(body.mixture, len(x), whose)
+
+
+def _check_mixture(mixture: Mixture, count: int, whose: str) -> None:
+    for field in dataclasses.fields(mixture):
+        values, what = np.asarray(getattr(mixture, field.name)), field.name.replace("_", " ")
+        if values.shape != (count,):
+            raise UsageError(f"The {count} particles{whose} have a {what} of {values.size}.", "Give one for each particle.")
+        if not np.isfinite(values).all():
+            raise UsageError(f"The {what} of a particle{whose} is not finite.", "Build the body again.")
+    nu = mixture.poisson_ratio
+    for what, wrong in (
+        ("density", mixture.density <= 0.0), ("youngs modulus", mixture.youngs_modulus <= 0.0),
+        ("poisson ratio", (nu <= -1.0) | (nu >= 0.5)), ("retardation", mixture.retardation < 0.0),
+    ):  # fmt: skip
+        if wrong.any():
+            raise UsageError(f"The {what} of a particle{whose} is out of range.", "Build the body again.")
 
 
 def positive(what: str, number: float) -> None:

@@ -36,10 +36,17 @@ def most_substeps(parts: Iterable[Part], dx: float, frame_dt: float) -> int:
 
 
 def wave_substeps(part: Part, dx: float, frame_dt: float) -> int:
-    """Substeps per frame that the waves in the stiffest part of a body need; at most those of its material itself."""
+    """Substeps per frame that the waves in the stiffest part of a body need; at most those of the part's material itself."""
     body, material, density = part
-    factor = 1.0 if body.stiffness is None else min(1.0, float(np.max(body.stiffness)))
-    return substeps_needed(replace(material, youngs_modulus=factor * material.youngs_modulus), dx, frame_dt, density)
+    if body.mixture is None:
+        factor = 1.0 if body.stiffness is None else min(1.0, float(np.max(body.stiffness)))
+        return substeps_needed(replace(material, youngs_modulus=factor * material.youngs_modulus), dx, frame_dt, density)
+    nu = body.mixture.poisson_ratio
+    stiffness = body.mixture.youngs_modulus * (1.0 if body.stiffness is None else np.minimum(body.stiffness, 1.0))
+    squared = stiffness * (1.0 - nu) / ((1.0 + nu) * (1.0 - 2.0 * nu)) / body.mixture.density  # of the waves' speed, but for a factor
+    i = int(np.argmax(squared))
+    fastest = replace(material, youngs_modulus=float(stiffness[i]) * material.youngs_modulus, poisson_ratio=float(nu[i]))
+    return substeps_needed(fastest, dx, frame_dt, density * float(body.mixture.density[i]))
 
 
 def carried_modulus(part: Part, dx: float, frame_dt: float, max_substeps: int) -> tuple[float, int]:

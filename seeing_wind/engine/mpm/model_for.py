@@ -10,8 +10,8 @@ import numpy as np
 
 from ..conventions import GRAVITY, in_figures, in_units, lame
 from ..errors import SimulationError
-from ..materials import LIMITS, Material
-from ..records import Particles
+from ..materials import LIMITS, LOSS_FREQUENCY, Material
+from ..records import Mixture, Particles
 from .checks import check_choices, checked_bodies
 from .courant import Part, carried_modulus, enough_substeps, most_substeps, wave_substeps
 from .damping import longest_retardation, substeps_for, with_retardation
@@ -147,20 +147,29 @@ def _softer(part: Part, youngs_modulus: float, needed: int, allowed: int) -> str
 
 def _with_damping(model: Model, bodies: Sequence[Particles], materials: Sequence[Material], notes: list[str]) -> Model:
     """The model with its materials' damping, as far as its substeps allow; more substeps would increase the solver's numerical damping."""
-    wanted = max(stuff.retardation for stuff in materials)
+    own = [_retardation(body, stuff) for body, stuff in zip(bodies, materials)]
+    wanted = max(float(one.max()) for one in own)
     if wanted == 0.0:
         return model
     needed = substeps_for(model, wanted)
     carried = longest_retardation(model)
-    for body, stuff in zip(bodies, materials):
-        if stuff.retardation > carried and np.any(body.pinned):
-            damped = stuff.loss_factor * carried / stuff.retardation
+    for body, stuff, longest in zip(bodies, materials, (float(one.max()) for one in own)):
+        if longest > carried and np.any(body.pinned):
+            loss_factor = stuff.loss_factor if body.mixture is None else 2.0 * math.pi * LOSS_FREQUENCY * longest
+            damped = loss_factor * carried / longest
             notes.append(
-                f"{stuff.name} swings on for longer than it should: it has a loss factor of {stuff.loss_factor:.2g}, and with "
+                f"{stuff.name} swings on for longer than it should: it has a loss factor of {loss_factor:.2g}, and with "
                 f"{model.substeps} substeps a frame the solver damps no more than {damped:.2g}. All of it would need {needed} substeps; "
                 "fewer particles allow more damping."
             )
-    return with_retardation(model, np.concatenate([np.full(len(body.x), stuff.retardation) for body, stuff in zip(bodies, materials)]))
+    return with_retardation(model, np.concatenate(own))
+
+
+def _retardation(body: Particles, material: Material) -> np.ndarray:
+    """(N,) retardation times [s] of a body's particles; 0 for one that flows."""
+    if body.mixture is None or material.law in PLASTIC_LAWS:
+        return np.full(len(body.x), material.retardation)
+    return body.mixture.retardation
 
 
 def with_clamp_depth(model: Model, body: Particles, depth: float) -> Model:
@@ -215,11 +224,14 @@ def _checked_speed(speed: float, x: np.ndarray, path: np.ndarray | None, dx: flo
 def _body_columns(body: Particles, material: Material, mass_scale: float, youngs_modulus: float) -> tuple[np.ndarray, ...]:
     """mass, volume, mu, lam, yield_stress, viscosity, law of one body's particles."""
     count = len(body.x)
-    mu, lam = lame(youngs_modulus, material.poisson_ratio)
+    mixture = body.mixture
+    if mixture is None:
+        mixture = Mixture(np.ones(count), np.ones(count), np.full(count, material.poisson_ratio), np.full(count, material.retardation))
+    mu, lam = lame(youngs_modulus * mixture.youngs_modulus, mixture.poisson_ratio)
     factor = np.ones(count) if body.stiffness is None else np.asarray(body.stiffness, dtype=np.float64)
     volume = np.array(np.broadcast_to(body.volume, (count,)), dtype=np.float64)
     return (
-        volume * material.density * mass_scale,
+        volume * material.density * mass_scale * mixture.density,
         volume,
         mu * factor,
         lam * factor,

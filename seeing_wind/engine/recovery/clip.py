@@ -99,8 +99,7 @@ class Clip:
 
     def solve_blocks(self) -> list[Kept]:
         """Solve the blocks one after the other."""
-        modes, weight = most_modes(self.particles), self.model.mass * ~self.particles.pinned
-        basis = self._observable(spatial_basis(self.particles.x, weight, modes))
+        basis = self._observable(spatial_basis(self.particles.x, self._weight, most_modes(self.particles)))
         expected = self._expected(len(basis.degree))
         kept: list[Kept] = []
         cuts = blocks(self.objective.frames)
@@ -148,12 +147,17 @@ class Clip:
             kept.append(found)
         return kept
 
+    @property
+    def _weight(self) -> np.ndarray:
+        """(N,) weight of a particle's share of the force on the whole body: the free volume, as mass of the body's material [kg]."""
+        return self.model.mass / self.particles.relative_density * ~self.particles.pinned
+
     def _steady(self, kept: list[Kept]) -> np.ndarray:
-        """(3,) the constant part of the force on the whole body in the blocks so far [m/s²]."""
+        """(3,) the constant part of the force on the whole body in the blocks so far, over the mass of as much of its material [m/s²]."""
         if not kept:
             return np.zeros(3)
-        weight = self.model.mass * ~self.particles.pinned
-        force = np.concatenate([np.einsum("n,tni->ti", weight / weight.sum(), one.acceleration) for one in kept])
+        share = self.model.mass * ~self.particles.pinned / self._weight.sum()
+        force = np.concatenate([np.einsum("n,tni->ti", share, one.acceleration) for one in kept])
         at = np.flatnonzero(~self.still[: len(force)])
         return steady_part(force[at], at.astype(float), kept[-1].onward.kernel.duration)
 
@@ -170,6 +174,7 @@ class Clip:
         """Expected sizes before the solve: of the field, from the observed acceleration and gravity, and of the initial velocity."""
         observed = max(one.acceleration(self.particles.x, self.fps) for one in self.objective.channels)
         size = float(np.hypot(observed, np.linalg.norm(self.settings.gravity))) or 1e-3
+        size *= float((self.model.mass * ~self.particles.pinned).sum() / self._weight.sum())  # a light body needs less force for it
         component = self._first_component(modes)
         speed = max([PRIOR.slowest, *(one.speed(self.particles.x, self.fps) for one in self.objective.channels)])
         axes = np.sqrt(np.diag(component))  # uniform along x, y, z, then spins about x, y, z
@@ -200,10 +205,11 @@ class Clip:
         residual = self.objective.root_mean_square(x)
         held_up = self._remark(x, kept[0].trajectory.v[0], acceleration, material, residual, views, wild)
         deviation = self._deviation(np.concatenate([one.deviation for one in kept]), x, acceleration, held_up)
+        density = self.particles.density(material)[:, None]
         return Recovery(
             outcome=Outcome.CONVERGED if all(one.converged for one in kept) else Outcome.MAX_ITERATIONS,
-            force_density=material.density * acceleration,
-            deviation=material.density * deviation,
+            force_density=density * acceleration,
+            deviation=density * deviation,
             x=x,
             F=F,
             v0=kept[0].trajectory.v[0],

@@ -48,7 +48,7 @@ def recover(
     """Find the force density that makes the simulated body move as observed.
 
     Args:
-        material: constants of the material; its density turns accelerations into force densities.
+        material: constants of the material; its density, and that of parts with their own, turns accelerations into force densities.
         targets: points in 3D [m], or tracks [px] of one or several cameras over the same frames.
         fps: frames per second.
         journal: keeps intermediate results; its stamp must depend on all other arguments.
@@ -94,7 +94,7 @@ def recover(
         softer = replace(material, youngs_modulus=youngs_modulus(model, particles, clip.stiffness.s))
         clip.notes[len(notes) : len(notes) + len(model_notes)] = _model(particles, softer, channels, fps, settings, plastic)[1]
     found = replace(clip.result(kept, material, views, began), borne=borne)
-    return found if moving is None else moving.to_world(found, material.density, np.asarray(settings.gravity), model.gravity)
+    return found if moving is None else moving.to_world(found, particles.density(material), np.asarray(settings.gravity), model.gravity)
 
 
 def channels_of(particles: Particles, seen: PointTargets | TrackTargets, plastic: bool) -> Channels:

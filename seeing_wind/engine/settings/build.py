@@ -68,6 +68,14 @@ def material_options(panel: str) -> dict[str, Any]:
 OF_THE_OBJECT = material_options("more")
 
 
+def part_option(part: str, which: str) -> Any:
+    """The option for the material of a part of a body on a stem; `which`: what that part is."""
+    return option(
+        None, label=f"{part.title()} Material", help=f"a preset of the material library for {which}", metavar="NAME", group=BODY,
+        panel="main", otherwise="as the stem, by --material",
+    )  # fmt: skip
+
+
 @dataclass(frozen=True)
 class BuildSettings:
     """From an observation to a body."""
@@ -82,6 +90,8 @@ class BuildSettings:
     estimated_material: str | None = None
     """Name of the material by a vision-language model, if the numbers above come from it; `estimated_by` names the object and the model."""
     estimated_by: str | None = None
+    head_material: str | None = part_option("head", "what a stem carries")
+    leaf_material: str | None = part_option("leaf", "the leaves beside a stem")
     form: str = option(
         "auto", label="Built As", help="what kind of body it is built as", group=BODY, panel="main", choices=FORM_TEXTS,
         titles={"sheet": "Thin Sheet"},
@@ -119,6 +129,40 @@ def material_of(settings: BuildSettings) -> Material:
     if settings.estimated_material is None:
         return material
     return replace(material, name=settings.estimated_material, source=f"estimated for {settings.estimated_by}")
+
+
+@dataclass(frozen=True)
+class PartMaterials:
+    """The materials of a body on a stem."""
+
+    stem: Material
+    head: Material
+    leaves: Material
+
+    @property
+    def alike(self) -> bool:
+        """Whether all parts have the stem's material."""
+        return self.head is self.stem and self.leaves is self.stem
+
+
+def part_materials(settings: BuildSettings) -> PartMaterials:
+    """The materials of the parts, if the body turns out to have parts.
+
+    Raises:
+        MaterialError: as `material_of`; or a part has a material of its own, and that or the stem's flows.
+    """
+    stem = material_of(settings)
+    own = {flag: find(name) for flag, name in (("--head-material", settings.head_material), ("--leaf-material", settings.leaf_material))
+           if name is not None}  # fmt: skip
+    for flag, material in own.items():
+        for one in (material, stem):
+            if one.law in PLASTIC_LAWS:
+                raise MaterialError(
+                    f"{flag} {material.name} cannot be used: {one.name} has the plastic law {one.law}, and a body of several materials "
+                    "must be elastic.",
+                    f"Give an elastic material, or leave {flag} out.",
+                )
+    return PartMaterials(stem, own.get("--head-material", stem), own.get("--leaf-material", stem))
 
 
 def may_be_sheet(settings: BuildSettings) -> bool:

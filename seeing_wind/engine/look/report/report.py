@@ -158,7 +158,7 @@ def _figures(
         "frames": field.frames,
         "fps": field.fps,
         "particles": len(particles.x),
-        "mass": float(material.density * particles.volume.sum()),
+        "mass": particles.mass(material),
         "material": {name: value for name, value in vars(as_found(material, recovery)).items() if value != ""},
         "net_force": net.tolist(),
         "mean_net_force": net.mean(axis=0).tolist(),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,13 +11,14 @@ from ...materials import PLASTIC_LAWS, Material, Sheet
 from ...progress import Journal, NoProgress, Progress
 from ...records import Attachment, Body, Gaussians, Observation, Particles, Surface
 from ...settings import FLOWING_PARTICLES, PARTICLES, SHEET_VERTICES, BuildSettings
-from ...settings.build import material_of, sheet_of
+from ...settings.build import material_of, part_materials, sheet_of
 from ..mask.cutting import opened
 from .motion.keypoints import held, place, ride
 from .motion.late import amid_guides, tie
 from .motion.lifting import Sight, lift
-from .shape.on_stem import too_fine, widening
+from .shape.on_stem import too_fine, top_heavy, widening
 from .shape.particles import fill
+from .shape.parts import Parts
 from .shape.relief import Relief, area_of, relief_of
 from .shape.surface import surface_of
 from .sheet import FEWEST, SheetBuilt, build_sheet, too_few
@@ -42,10 +43,30 @@ class Built:
     """(K,) [px], see `records.Body`."""
     relief: Relief
     """Front and back of the object in frame 0, for `look.dress`."""
+    told: tuple[str, ...] = ()
+    """See `records.Body`."""
+    top_heavy: str = ""
+    """See `records.Body`."""
 
     def body(self, gaussians: Gaussians) -> Body:
         """The body with its look."""
-        return Body(self.particles, self.material, gaussians, self.surface, self.keypoints, self.lifted, self.tie_sigma)
+        return Body(
+            self.particles, self.material, gaussians, self.surface, self.keypoints, self.lifted, self.tie_sigma, told=self.told,
+            top_heavy=self.top_heavy,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Rest:
+    """A solid body at rest, without its motion."""
+
+    material: Material
+    particles: Particles
+    relief: Relief
+    told: tuple[str, ...]
+    """See `records.Body`."""
+    top_heavy: str
+    """See `records.Body`."""
 
 
 def build(
@@ -61,11 +82,13 @@ def build(
         MaterialError: an unknown material, unphysical numbers, or a material that cannot be a sheet.
         ObjectError: no object in frame 0, too few pixels, no depth on it, or a pin off the object.
     """
-    material = material_of(settings)
+    material = part_materials(settings).stem
     sheet = _sheet(observation, settings, material, progress)
     if sheet is not None:
-        return build_sheet(observation, sheet, material.name, settings.particles or SHEET_VERTICES, progress, journal)
-    relief, particles = fill_solid(observation, settings, material, progress)
+        built = build_sheet(observation, sheet, material.name, settings.particles or SHEET_VERTICES, progress, journal)
+        return replace(built, told=_unused(settings, None))
+    rest = _at_rest(observation, settings, progress)
+    relief, particles = rest.relief, rest.particles
     fine = None if relief.parts is None else too_fine(relief.parts)
     if fine is not None:
         progress.warn(fine)
@@ -86,25 +109,43 @@ def build(
         lifted=lifted,
         tie_sigma=tuple(tie_sigma.tolist()),
         relief=relief,
+        told=rest.told,
+        top_heavy=rest.top_heavy,
     )
 
 
-def fill_solid(observation: Observation, settings: BuildSettings, material: Material, progress: Progress) -> tuple[Relief, Particles]:
-    """Front and back of a solid in frame 0, and the particles between them. Raises ObjectError as `build` does."""
-    relief = relief_of(observation, settings.thickness)
+def _at_rest(observation: Observation, settings: BuildSettings, progress: Progress) -> Rest:
+    """A solid in frame 0. Raises as `build` does."""
+    materials, relief = part_materials(settings), relief_of(observation, settings.thickness)
+    material, parts = materials.stem, relief.parts
     usual = FLOWING_PARTICLES if material.law in PLASTIC_LAWS else PARTICLES
     count = usual if settings.particles is None else settings.particles
     progress.update(0.05, f"filling a {relief.kind if relief.parts is None else 'body on a stem'} with particles")
-    wider = 1.0 if relief.parts is None else widening(relief, relief.parts, material, 1.0 / observation.fps)
-    return relief, fill(relief, count, observation.pin, progress, wider)
+    frame_dt = 1.0 / observation.fps
+    wider = 1.0 if parts is None else widening(relief, parts, materials, frame_dt)
+    particles = fill(relief, count, observation.pin, progress, wider, materials, frame_dt)
+    heavy = "" if parts is None else top_heavy(relief, parts, particles, observation.pin, materials)
+    return Rest(material, particles, relief, _unused(settings, parts), heavy)
 
 
-def rest_body(observation: Observation, settings: BuildSettings) -> tuple[Material, Particles] | None:
-    """Material and particles of the body that `build` would make, without its motion; None for a thin sheet. Raises as `build` does."""
-    material = material_of(settings)
-    if _sheet(observation, settings, material, NoProgress()) is not None:
+def _unused(settings: BuildSettings, parts: Parts | None) -> tuple[str, ...]:
+    """Notes on materials that were given for parts that the body lacks."""
+    given = [flag for flag, name in (("--head-material", settings.head_material), ("--leaf-material", settings.leaf_material)) if name]
+    if given and parts is None:
+        return (
+            f"{' and '.join(given)} had no effect: no stem was found that leads from a held place to something broader, so all of the "
+            "object has one material. Mark the stem's foot as held, or leave this out.",
+        )
+    if settings.leaf_material and parts is not None and not parts.sheets.any():
+        return ("--leaf-material had no effect: no leaf was found beside the stem.",)
+    return ()
+
+
+def rest_body(observation: Observation, settings: BuildSettings) -> Rest | None:
+    """The body that `build` would make, without its motion; None for a thin sheet. Raises as `build` does."""
+    if _sheet(observation, settings, material_of(settings), NoProgress()) is not None:
         return None
-    return material, fill_solid(observation, settings, material, NoProgress())[1]
+    return _at_rest(observation, settings, NoProgress())
 
 
 def _sheet(observation: Observation, settings: BuildSettings, material: Material, progress: Progress) -> Sheet | None:

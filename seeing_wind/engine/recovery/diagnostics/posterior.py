@@ -34,7 +34,7 @@ def posterior_deviation(forward: Forward, covariance: np.ndarray) -> np.ndarray:
     for weights in forward.hats:
         active = np.flatnonzero(weights)
         block = sum((weights[k] * weights[j] * of_components[k, j] for k in active for j in active), nothing)
-        variance = np.einsum("pm,imn,pn->pi", forward.basis.phi, block, forward.basis.phi, optimize=True)
+        variance = np.einsum("pm,imn,pn->pi", forward.phi, block, forward.phi, optimize=True)
         deviation.append(np.sqrt(np.maximum(variance, 0.0)))
     return np.stack(deviation)
 

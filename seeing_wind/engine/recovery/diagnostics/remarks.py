@@ -178,7 +178,8 @@ def moving_clamp_remark(motion: ClampMotion) -> str:
 
 def wider_remarks(particles: Particles) -> list[str]:
     """Note on a body whose thin parts are simulated thicker and softer than they are (`observe.object.shape.on_stem`)."""
-    softest = 1.0 if particles.stiffness is None else float(np.max(particles.stiffness))
+    # The stem's particles come first, and a head of its own material is no thinner than it looks.
+    softest = 1.0 if particles.stiffness is None else float(particles.stiffness[0])
     if softest >= 1.0:
         return []
     share = f"1/{1.0 / softest:.0f}"

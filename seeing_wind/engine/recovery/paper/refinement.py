@@ -143,7 +143,8 @@ class _Run:
         )  # fmt: skip
         self.model: Model = replace(model, substeps=recovery.substeps or model.substeps)
         self.path = torch.from_numpy(np.asarray(recovery.x, np.float64))
-        self.force = torch.from_numpy(recovery.force_density / material.density)
+        self.lightness = torch.from_numpy(1.0 / particles.relative_density)
+        self.force = torch.from_numpy(recovery.force_density / particles.density(material)[:, None])
         size = self.force.square().sum(dim=-1)
         self.weight = 1.0 / (size + WEAK**2 * size.mean() + 1e-30)
         self.step = OFFSET * particles.spacing
@@ -240,4 +241,5 @@ class _Run:
         """Acceleration (N, 3) [m/s²] and its gradient (N, 3, 3) [1/s²] along the recovered path."""
         points = star(self.path[t].numpy(), self.step)
         s, frame = torch.from_numpy((points - self.box[0]) / (self.box[1] - self.box[0])), torch.full((len(points),), t)
-        return quotient(self.scale * self.module(s, frame), self.step)
+        force, slope = quotient(self.scale * self.module(s, frame), self.step)
+        return self.lightness[:, None] * force, self.lightness[:, None, None] * slope

@@ -110,7 +110,8 @@ def recover_by_descent(
         motion = tracking if loss is None else loss(reach)
         first = tuple(torch.from_numpy(np.array(array)) for array in (particles.x, start.velocity, start.spin))
         state: State = (*first, torch.eye(3, dtype=torch.float64).repeat(len(particles.x), 1, 1))  # type: ignore[assignment]
-        descent = _Descent(model, field, motion, settings.frame_iterations, frames, progress, journal)
+        lightness = torch.from_numpy(1.0 / particles.relative_density)
+        descent = _Descent(model, field, lightness, motion, settings.frame_iterations, frames, progress, journal)
         for t in range(frames):
             state = descent.frame(t, state)
     x = np.stack([particles.x, *descent.x])
@@ -121,11 +122,12 @@ def recover_by_descent(
     acceleration = np.stack(descent.accelerations)
     fall = fall_of(particles, acceleration, x, start.velocity, fps, settings.gravity)
     notes[:0] = verdict(particles, channels, x, residual, fall)
+    density = particles.density(material)[:, None]
     metres = residual if in_metres else residual * _metres_per_pixel(targets, particles)
     return Recovery(
         outcome=Outcome.MAX_ITERATIONS if missed else Outcome.CONVERGED,
-        force_density=material.density * acceleration,
-        deviation=material.density * deviation(acceleration, metres, fps),
+        force_density=density * acceleration,
+        deviation=density * deviation(acceleration, metres, fps),
         x=x,
         F=np.stack([np.tile(np.eye(3), (len(particles.x), 1, 1)), *descent.F]),
         v0=start.velocity,
@@ -154,9 +156,12 @@ class _Descent:
     """The optimisation, frame by frame through the clip, and the results so far."""
 
     def __init__(
-        self, model: Model, field: DescentField, loss: MotionLoss, limit: int, frames: int, progress: Progress, journal: Journal
-    ) -> None:
-        self.model, self.field, self.loss, self.limit, self.frames = model, field, loss, limit, frames
+        self, model: Model, field: DescentField, lightness: torch.Tensor, loss: MotionLoss, limit: int, frames: int, progress: Progress,
+        journal: Journal,
+    ) -> None:  # fmt: skip
+        """lightness: (N,) density of the body's material, in whose units the field is, in units of a particle's own."""
+        self.model, self.field, self.lightness = model, field, lightness
+        self.loss, self.limit, self.frames = loss, limit, frames
         self.progress, self.journal = progress, journal
         self.iterations = 0
         self.accelerations: list[np.ndarray] = []
@@ -219,7 +224,8 @@ class _Descent:
 
     def _run(self, state: State) -> tuple[torch.Tensor, np.ndarray, State]:
         """Simulate one frame with the field's current parameters: misfit, acceleration (N, 3) [m/s²], state at the frame's end."""
-        acceleration, gradient = self.field.acceleration()
+        force, slope = self.field.acceleration()
+        acceleration, gradient = self.lightness[:, None] * force, self.lightness[:, None, None] * slope
         x0, v0, C0, F0 = state
         x, v, C, F = simulate(self.model, x0, v0, acceleration[None], gradient[None], C0=C0, F0=F0, progress=self.progress)
         end = (x[-1].detach(), v[-1].detach(), C[-1].detach(), F[-1].detach())

@@ -135,6 +135,8 @@ def enter(
 def _enter_recovered(body: BodyEdit, source: Body, recovery: Recovery) -> Actor:
     material = as_found(source.material, recovery) if body.material is None else find(body.material)
     particles, surface = body_as_found(source.particles, recovery), source.surface
+    if body.material is not None:
+        particles = dataclasses.replace(particles, mixture=None)  # that material is all of the body's
     velocity = recovery.v0 if body.velocity is None else np.broadcast_to(body.velocity, particles.x.shape)
     rider = Rider(surface.vertices, surface.attachment, particles.x)
     return Actor(
@@ -169,7 +171,7 @@ def _enter_mesh(body: BodyEdit, vertices: np.ndarray, triangles: np.ndarray, coa
 def _overridden(material: Material, body: BodyEdit, particles: Particles) -> Material:
     names = ("law", "density", "youngs_modulus", "poisson_ratio", "yield_stress", "viscosity", "loss_factor")
     changed = adjust(material, **{name: getattr(body, name) for name in names})
-    density = None if body.mass is None else body.mass / float(particles.volume.sum())
+    density = None if body.mass is None else body.mass / float((particles.volume * particles.relative_density).sum())
     return adjust(changed, density=density, youngs_modulus=changed.youngs_modulus * body.youngs_modulus_scale)
 
 

@@ -169,12 +169,12 @@ def _move(
     """Simulate actors that share a grid. Returns the positions (T+1, N, 3) [m] of each, and notes on the solver's choices."""
     ends = np.cumsum([len(actor.particles.x) for actor in actors])
     slices = [slice(end - len(actor.particles.x), end) for actor, end in zip(actors, ends)]
-    density = np.concatenate([np.full(len(a.particles.x), a.material.density * a.edit.mass_scale) for a in actors])
+    density = np.concatenate([a.particles.density(a.material) * a.edit.mass_scale for a in actors])
     starts = {actor.edit.start_frame for actor in actors}
     state = State.at_rest(np.concatenate([actor.particles.x for actor in actors]))
     field, further = around.field, _Further.of(actors, around, state.x)
     model, notes = _model(actors, 0, around)
-    sails = [Sail(_surface(actor), part) for actor, part in zip(actors, slices)]
+    sails = [_sail(actor, part) for actor, part in zip(actors, slices)]
     history = [state.x]
     told = [
         one for a in actors
@@ -220,7 +220,7 @@ class _Further:
     @classmethod
     def of(cls, actors: Sequence[Actor], around: Surroundings, x: np.ndarray) -> _Further:
         """The further effects on actors whose particles are at x (N, 3) [m] at rest."""
-        whole = [np.full(len(a.particles.x), a.particles.volume.sum() * a.material.density * a.edit.mass_scale) for a in actors]
+        whole = [np.full(len(a.particles.x), a.particles.mass(a.material) * a.edit.mass_scale) for a in actors]
         borne = np.concatenate([np.broadcast_to(actor.borne, actor.particles.x.shape) for actor in actors])
         return cls(around, x, np.concatenate([actor.soft for actor in actors]), np.concatenate(whole), borne)
 
@@ -231,6 +231,15 @@ class _Further:
             push = self.around.forces.at(state.x, frame)
             acceleration = acceleration + push.acceleration(state.v, self.whole, duration)
         return acceleration + pull_back(state.x - self.places, state.v, acceleration + self.around.gravity, self.soft, duration)
+
+
+def _sail(actor: Actor, rows: slice) -> Sail:
+    """The actor as the air moves it."""
+    surface, relative = _surface(actor), actor.particles.relative_density
+    if actor.particles.mixture is None:
+        return Sail(surface, rows)
+    mean = np.average(relative, weights=actor.particles.volume)
+    return Sail(surface, rows, surface.attachment.follow(relative[:, None])[:, 0] / mean)
 
 
 def _surface(actor: Actor) -> BodySurface:

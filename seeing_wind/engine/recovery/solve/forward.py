@@ -1,13 +1,15 @@
 """The forward model of the solve: from unknowns to trajectories and their derivatives.
 
-The unknowns theta (n,) are the field's coefficients (knots, modes, 3) [m/s²] followed by the initial velocities (V,) [m/s].
+The unknowns theta (n,) are the field's coefficients (knots, modes, 3) [m/s²] followed by the initial velocities (V,) [m/s]. The modes
+describe the force density, which is smooth over the body, in units of the density of the body's material; a part with a density of its own
+is accelerated by that in proportion to its `lightness`.
 The Jacobian is computed by tangents that are carried along one simulation (`mpm.tangent`).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -49,8 +51,20 @@ class Forward:
     """The body at the first frame, if it is known; there are then no initial motions (V = 0)."""
     journal: Journal = Journal()
     """Keeps the results of simulations."""
+    lightness: np.ndarray | None = None
+    """(N,) density of the body's material in units of a particle's own; None is one everywhere."""
     _recent: dict[bytes, Trajectory] = field(default_factory=dict, init=False, repr=False, compare=False)
     """Recent simulations of this body by their theta; a copy made by `replace` starts empty."""
+
+    @cached_property
+    def phi(self) -> np.ndarray:
+        """(N, P) acceleration of the particles by the force of each mode."""
+        return self.basis.phi if self.lightness is None else self.lightness[:, None] * self.basis.phi
+
+    @cached_property
+    def gradient(self) -> np.ndarray:
+        """(N, P, 3) gradient of `phi` within a part [1/m]."""
+        return self.basis.gradient if self.lightness is None else self.lightness[:, None, None] * self.basis.gradient
 
     @property
     def hats(self) -> np.ndarray:
@@ -98,12 +112,12 @@ class Forward:
 
     def acceleration(self, theta: np.ndarray) -> np.ndarray:
         """Acceleration by the force (T, N, 3) [m/s²] on the particles."""
-        return np.einsum("np,tpi->tni", self.basis.phi, self.per_frame(theta))
+        return np.einsum("np,tpi->tni", self.phi, self.per_frame(theta))
 
     def advance(self, state: State, coefficients: np.ndarray, frame: int) -> State:
         """Advance by one frame under the coefficients (modes, 3)."""
-        gradient = np.einsum("pi,npj->nij", coefficients, self.basis.gradient) @ np.linalg.inv(state.F)
-        return advance(self.model, state, self.basis.phi @ coefficients, gradient, frame=frame)
+        gradient = np.einsum("pi,npj->nij", coefficients, self.gradient) @ np.linalg.inv(state.F)
+        return advance(self.model, state, self.phi @ coefficients, gradient, frame=frame)
 
     def trajectory(self, theta: np.ndarray) -> Trajectory:
         """The simulation under theta (n,). Raises SimulationError when it breaks down."""
@@ -172,7 +186,7 @@ class Forward:
             state = self.start(unknown[3 * modes :])
             v0, C0 = self._initial(unit[:, 3 * modes :])
         changes, rough = Changes(constant, v0, C0), self.rough.from_frame(first)
-        x, change = tangents(rough, state, self.basis.phi, self.basis.gradient, coefficients, changes, self.progress, self.journal)
+        x, change = tangents(rough, state, self.phi, self.gradient, coefficients, changes, self.progress, self.journal)
         return x, x + offset[:, None, None, None] * change
 
     def _initial(self, velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -183,7 +197,7 @@ class Forward:
         self, model: Model, start: State, coefficients: np.ndarray, v0: np.ndarray | None, C0: np.ndarray | None, strict: bool = False
     ) -> BatchRollout:
         return rollout_batch(
-            model, start, self.basis.phi, self.basis.gradient, coefficients, v0=v0, C0=C0, strict=strict, progress=self.progress,
+            model, start, self.phi, self.gradient, coefficients, v0=v0, C0=C0, strict=strict, progress=self.progress,
             journal=self.journal,
         )  # fmt: skip
 
@@ -227,7 +241,7 @@ class Forward:
             return (found[1:] - found[0]) / step[:, None]
 
         _, rows = tangents(
-            self.rough, self.start(theta[self.size :]), self.basis.phi, self.basis.gradient, self.per_frame(theta),
+            self.rough, self.start(theta[self.size :]), self.phi, self.gradient, self.per_frame(theta),
             Changes(self._on_top(unit), v0, C0), self.progress, self.journal, residuals,
         )  # fmt: skip
         rows /= size[:, None, None]

@@ -88,7 +88,10 @@ class Solver:
             velocity, gradient = velocity[:0], gradient[:0]
         x = self.particles.x
         model, when = model or self._model(), knots_between(self.still[:frames], knot)
-        return Forward(model, self._rough(), x, basis, when, velocity, gradient, self.progress, self.steady, self.start, self.journal)
+        lightness = None if self.particles.mixture is None else 1.0 / self.particles.relative_density
+        return Forward(
+            model, self._rough(), x, basis, when, velocity, gradient, self.progress, self.steady, self.start, self.journal, lightness
+        )
 
     def solve(
         self,

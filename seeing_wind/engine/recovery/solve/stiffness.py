@@ -155,8 +155,10 @@ def stiffest(model: Model) -> float:
 
 def youngs_modulus(model: Model, body: Particles, s: float = 0.0) -> float:
     """E [Pa] of the material of a body with e^s times the stiffness of `model`."""
-    mu, lam = float(model.mu.max()), float(model.lam.max())
-    factor = 1.0 if body.stiffness is None else float(np.max(body.stiffness))
+    i = 0 if body.stiffness is None else int(np.argmax(body.stiffness))
+    mu, lam = float(model.mu[i]), float(model.lam[i])
+    factor = 1.0 if body.stiffness is None else float(body.stiffness[i])
+    factor *= 1.0 if body.mixture is None else float(body.mixture.youngs_modulus[i])
     return math.exp(s) * mu * (3.0 * lam + 2.0 * mu) / (lam + mu) / factor
 
 

@@ -64,21 +64,21 @@ class ClampMotion:
         r = np.einsum("tij,nj->tni", turn, particles.x - self.centre)
         return np.einsum("tji,tnj->tni", turn, gravity - self._carries(r))
 
-    def to_world(self, recovery: Recovery, density: float, gravity: np.ndarray, felt: np.ndarray) -> Recovery:
+    def to_world(self, recovery: Recovery, density: np.ndarray, gravity: np.ndarray, felt: np.ndarray) -> Recovery:
         """A recovery in the clamp's frame, transformed to the world.
 
         Args:
-            density: density of the body [kg/m³].
+            density: (N,) density of the body [kg/m³].
             gravity: (3,) gravity in the world [m/s²].
             felt: (T, N, 3) effective gravity that the solve used [m/s²], see `gravity`.
         """
-        frames = np.arange(self.frames)
+        frames, rho = np.arange(self.frames), density[:, None]
         shift, turn = self._at(frames)
         moved = np.einsum("tij,tnj->tni", turn, recovery.x - self.centre)
         spins = self._spin(frames)
         return replace(
             recovery,
-            force_density=density * self._force(recovery, recovery.force_density / density + felt, gravity),
+            force_density=rho * self._force(recovery, recovery.force_density / rho + felt, gravity),
             x=self.centre + shift[:, None] + moved,
             F=np.einsum("tij,tnjk->tnik", turn, recovery.F),
             v0=recovery.v0 + self.fps * self.shift(0.0, 1) + np.cross(spins[0], moved[0]),

@@ -49,7 +49,8 @@ class Felt:
     normals: np.ndarray
     """(T, E, 3) unit normals times areas of the pieces [m²]."""
     mass: float
-    """M, the mass of the particles that are not pinned [kg]."""
+    """M, the mass of the particles that are not pinned [kg]: all accelerations here are those of the body's material, whatever its parts
+    are made of, as it is their force that counts."""
     closed: bool
     """As in `drag.face_forces`."""
 
@@ -114,8 +115,8 @@ def felt_force(
     """The recovered force on the body, as data for a wind.
 
     Args:
-        density: density of the body [kg/m³].
-        basis: the modes, orthonormal over the mass that is not pinned.
+        density: density of the body's material [kg/m³].
+        basis: the modes, orthonormal over the volume that is not pinned.
     """
     mass = density * particles.volume * ~particles.pinned
     total = float(mass.sum())

@@ -34,6 +34,8 @@ class Sail:
     surface: BodySurface
     rows: slice
     """The body's particles in the model."""
+    heaviness: np.ndarray | None = None
+    """(E,) density of the matter behind each piece in units of the body's mean; None is one everywhere."""
 
     def drag(self, model: Model, state: State, wind: Callable[[np.ndarray], np.ndarray], pushed: np.ndarray, dt: float) -> np.ndarray:
         """Force of the air on the body's particles (N, 3) [N], implicit over a time dt [s] in which force fields accelerate the model's
@@ -43,6 +45,7 @@ class Sail:
         relative = wind(self.surface.attachment.follow(x)) - self.surface.attachment.follow(v)
         damping = face_damping(relative, normals, closed=self.surface.closed)
         behind = self._mass_per_area(model, normals) * np.linalg.norm(normals, axis=1) + TINY
+        behind = behind if self.heaviness is None else behind * self.heaviness
         felt = np.eye(3) + dt * damping / behind[:, None, None]
         drawn = model.gravity + self.surface.attachment.follow(pushed[self.rows])
         after = np.linalg.solve(felt, (relative - dt * drawn)[..., None])

@@ -4,6 +4,9 @@ A thin, stiff stem would need too many explicit substeps: its waves are fast and
 only depends on its mass and its bending stiffness, E times the second moment of the section. So the particles of the stem and of the sheets
 are put k times as far from their middle, where 1/k² of the modulus gives the same bending stiffness, and keep their mass. Waves are then k
 times slower and the grid k times coarser, so 1/k² of the substeps suffice. In tension the stem is k² times softer, which is not visible.
+
+Head and leaves may have materials of their own. The leaves count in k as the stem does. A head of its own material is no thinner than it
+looks, so it keeps its stiffness, up to what these substeps allow.
 """
 
 from __future__ import annotations
@@ -13,8 +16,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from ....materials import LIMITS, Material, substeps_needed
-from ....records import Particles
+from ....conventions import GRAVITY, in_units
+from ....masks import pixels_of
+from ....materials import LIMITS, substeps_needed
+from ....records import Mixture, Particles
+from ....settings.build import PartMaterials
 from .columns import MIN_SPACING_PIXELS, across_layers, columns_of, layers_of, surface_metric
 from .parts import Parts, sections
 from .relief import Relief, sample
@@ -24,6 +30,11 @@ SLENDEREST = 10.0
 
 COARSE = 1.6
 """Spacing of the head's particles, in units of the stem's: one particle in each cell of the grid, so that the head stays in one piece."""
+
+
+OWN_WEIGHT = 0.315
+"""Part of the weight spread along a column that, at its free end, would make it buckle as well: 2.47 / 7.84, of Euler's column and of the
+one that buckles under its own weight (Greenhill 1881)."""
 
 
 def stem_spacing(parts: Parts) -> float:
@@ -42,24 +53,79 @@ def too_fine(parts: Parts) -> str | None:
     )
 
 
-def widening(relief: Relief, parts: Parts, material: Material, frame_dt: float) -> float:
+def widening(relief: Relief, parts: Parts, materials: PartMaterials, frame_dt: float) -> float:
     """k, by how many times the particles are moved away from the middle, so that `LIMITS.max_substeps` substeps suffice for a frame of
     `frame_dt` [s]; at least 1, and at most so that the stem still is a beam."""
-    needed = substeps_needed(material, LIMITS.cell_spacings * _spacing(relief, parts), frame_dt)
+    thin = [materials.stem, *([materials.leaves] if parts.sheets.any() else [])]
+    needed = max(substeps_needed(one, LIMITS.cell_spacings * _spacing(relief, parts), frame_dt) for one in thin)
     length = float(np.linalg.norm(np.diff(parts.axis, axis=0), axis=1).sum())
     most = length / (SLENDEREST * 2.0 * stem_spacing(parts))
     return max(1.0, min(math.sqrt(needed / LIMITS.max_substeps), most))
 
 
-def fill_parts(relief: Relief, parts: Parts, held: np.ndarray, wider: float) -> Particles:
-    """Fill a body on a stem with particles. held: (H, W) bool, where it is held in frame 0; wider: k, see `widening`."""
+def fill_parts(
+    relief: Relief, parts: Parts, held: np.ndarray, wider: float, materials: PartMaterials | None = None, frame_dt: float = 1.0
+) -> Particles:
+    """Fill a body on a stem with particles, those of the stem first.
+
+    Args:
+        held: (H, W) bool, where it is held in frame 0.
+        wider: k, see `widening`.
+        materials: those of the parts; None if all are alike.
+        frame_dt: duration of a frame [s], for the substeps that a head of its own material needs.
+    """
     pixel, spacing = _pixel(relief), wider * _spacing(relief, parts)
     sheets = [parts.sheets == number for number in range(1, parts.sheets.max() + 1)]
     filled = [_stem(relief, parts, held, pixel, wider), _columns(relief, parts.head, COARSE * spacing, held, 1.0)]
     filled += [_columns(relief, sheet, spacing, held, wider) for sheet in sheets]
     x, volume, pinned = (np.concatenate(values) for values in zip(*filled))
-    softer = None if wider == 1.0 else np.full(len(x), wider**-2)
-    return Particles(x=x, volume=volume, pinned=pinned, spacing=float(spacing), stiffness=softer)
+    softer = np.full(len(x), wider**-2)
+    if materials is None or materials.alike:
+        return Particles(x, volume, pinned, float(spacing), None if wider == 1.0 else softer)
+    counts = [len(one[0]) for one in filled]
+    count = (counts[0], counts[1], sum(counts[2:]))
+    if materials.head is not materials.stem:
+        needed = substeps_needed(materials.head, LIMITS.cell_spacings * spacing, frame_dt)
+        softer[counts[0] : counts[0] + counts[1]] = min(1.0, (LIMITS.max_substeps / needed) ** 2)
+    stiffness = None if (softer == 1.0).all() else softer
+    return Particles(x, volume, pinned, float(spacing), stiffness, _mixture(materials, count))
+
+
+def _mixture(materials: PartMaterials, count: tuple[int, int, int]) -> Mixture:
+    """The materials by particle, for so many particles of the stem, the head and the leaves."""
+    stem, each = materials.stem, (materials.stem, materials.head, materials.leaves)
+    return Mixture(
+        density=np.repeat([one.density / stem.density for one in each], count),
+        youngs_modulus=np.repeat([one.youngs_modulus / stem.youngs_modulus for one in each], count),
+        poisson_ratio=np.repeat([one.poisson_ratio for one in each], count),
+        retardation=np.repeat([one.retardation for one in each], count),
+    )
+
+
+def top_heavy(relief: Relief, parts: Parts, particles: Particles, held: np.ndarray, materials: PartMaterials) -> str:
+    """The note on a head that weighs more than its stem can bear upright; "" for a lighter one.
+
+    A column held at its foot buckles under P = pi² E I / (4 L²) at its free end (Euler), where L reaches up to the head's centre of mass,
+    as the head does not bend. `OWN_WEIGHT` of what is spread along the stem counts as well.
+
+    Args:
+        held: (H, W) bool, where the body is held in frame 0.
+    """
+    pixel, stem = _pixel(relief), materials.stem
+    cut, radius = sections(parts, stem_spacing(parts), held), float(np.median(parts.radius)) * _pixel(relief)
+    centre = pixels_of(parts.head).mean(axis=0)
+    length = pixel * (float(cut.length[~cut.held].sum()) + float(np.linalg.norm(centre - parts.axis[-1])))
+    mass = float(relief.pixel_volume()[parts.head].sum()) * materials.head.density
+    carried = math.pi**3 / 16.0 * stem.youngs_modulus * radius**4 / length**2 / float(np.linalg.norm(GRAVITY))
+    bears = max(0.0, carried - OWN_WEIGHT * (particles.mass(stem) - mass))
+    if mass <= bears:
+        return ""
+    what = f"bears {in_units(bears, 'kg', 2)} besides itself" if bears else "does not even bear itself"
+    return (
+        f"The head weighs {in_units(mass, 'kg', 2)}, and a stem {in_units(2.0 * radius, 'm', 2)} thick of "
+        f"{in_units(stem.youngs_modulus, 'Pa', 2)} {what}: upright, it would fall. Give a lighter material for the head "
+        "(--head-material) or a stiffer stem (--youngs-modulus), or check the scale."
+    )
 
 
 def _pixel(relief: Relief) -> float:

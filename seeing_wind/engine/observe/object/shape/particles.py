@@ -13,6 +13,7 @@ from ....errors import ObjectError
 from ....masks import pixels_of
 from ....progress import NoProgress, Progress
 from ....records import Particles
+from ....settings.build import PartMaterials
 from .block import Block
 from .columns import COVERAGE, MIN_SPACING_PIXELS, across_layers, columns_of, layers_of, spacing_for, surface_metric
 from .on_stem import fill_parts
@@ -42,7 +43,13 @@ RIM = 0.002
 
 
 def fill(
-    relief: Relief, count: int, pin: np.ndarray | None = None, progress: Progress = NoProgress(), wider: float = 1.0
+    relief: Relief,
+    count: int,
+    pin: np.ndarray | None = None,
+    progress: Progress = NoProgress(),
+    wider: float = 1.0,
+    materials: PartMaterials | None = None,
+    frame_dt: float = 1.0,
 ) -> Particles:
     """Fill the body with about `count` particles.
 
@@ -50,7 +57,7 @@ def fill(
         relief: front and back of the body.
         count: wanted number of particles; bodies of few pixels get fewer, and one on a stem gets as many as its stem requires.
         pin: (H, W) bool, where the body is held in frame 0; all layers of a held column are held.
-        wider: for a body on a stem, by how many times its particles are moved away from the middle, see `on_stem.widening`.
+        wider, materials, frame_dt: for a body on a stem, see `on_stem.fill_parts`.
 
     Returns:
         Particles whose volumes sum to the body's volume exactly.
@@ -64,7 +71,7 @@ def fill(
     if held.any() and not (held & relief.mask).any():
         raise ObjectError("The pinned region lies off the object.", "Paint the part of the object that is held in the first frame.")
     if relief.parts is not None:
-        return fill_parts(relief, relief.parts, held, wider)
+        return fill_parts(relief, relief.parts, held, wider, materials, frame_dt)
     if relief.kind in SOLID:
         return cells_of(relief, count, held)
     metric = surface_metric(relief)

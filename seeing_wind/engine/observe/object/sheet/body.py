@@ -34,6 +34,8 @@ class SheetBuilt:
     """The sheet's path, and the places of the tracks on it."""
     relief: Relief
     """Front of the object in frame 0, for `look.dress`."""
+    told: tuple[str, ...] = ()
+    """See `records.Body`."""
 
     @property
     def particles(self) -> Particles:
@@ -51,7 +53,7 @@ class SheetBuilt:
         keypoints = ride_flat(np.where(placed[:, None], places, self.mesh.flat[0]), self.mesh.flat)
         lifted = np.where(placed[:, None], keypoints.follow(seen.path), np.nan)
         solid = self.sheet.as_solid(self.name)
-        body = Body(self.particles, solid, gaussians, surface, keypoints, lifted, sheet=self.sheet)
+        body = Body(self.particles, solid, gaussians, surface, keypoints, lifted, sheet=self.sheet, told=self.told)
         return replace(body, path=seen.path, path_sigma=seen.sigma, measured=seen.measured)
 
 
