@@ -14,14 +14,11 @@ from bpy.props import BoolProperty, EnumProperty, FloatProperty, FloatVectorProp
 
 from ..engine.errors import UsageError
 from ..engine.settings import Option, options_of
-from .property_kinds import KEPT, PATH, changed
+from .property_kinds import KEPT, PATH, PRESET, changed
 from .user_paths import absolute
 
 NUMBERS = {(float, False): FloatProperty, (float, True): FloatVectorProperty, (int, False): IntProperty, (int, True): IntVectorProperty}
 """Blender's property functions for numbers, by kind and by whether the option has several numbers."""
-
-PRESET = "PRESET"
-"""Identifier of the choice that stands for None."""
 
 ROUNDED = 1e-5
 """Difference relative to a preset below which a number is the same: single precision, or another unit of length."""
@@ -126,8 +123,10 @@ def value_of(group: bpy.types.bpy_struct, one: Option) -> Any:
     value = getattr(group, one.identifier)
     if (_has_tick(one) and not getattr(group, f"use_{one.identifier}")) or (one.unset is not None and value == one.unset):
         return None
+    if one.kind is str and value == PRESET:
+        return None
     if one.choices:
-        return None if value == PRESET else value.lower()
+        return value.lower()
     if one.file or one.folder:
         return absolute(value) if value else None
     if one.kind is float:

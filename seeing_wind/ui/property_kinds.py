@@ -18,6 +18,7 @@ PATH = KEPT | {"PATH_SUPPORTS_BLEND_RELATIVE"}
 HEADINGS = {
     "leaf": "Foliage", "fruit": "Fruit", "wood": "Wood", "jelly": "Food", "paper": "Paper", "cotton": "Cloth", "feather": "Animal",
     "rubber": "Rubber and Foam", "beeswax": "Wax and Clay", "plastic": "Plastic", "steel": "Metal", "glass": "Glass and Stone",
+    "flower_head": "Flowers",
 }  # fmt: skip
 """Headings in the menu of materials, by the first material below each, in the order of the library."""
 SHORT_FOR = {"eva", "hdpe", "pet", "pvc", "ptfe"}
@@ -36,6 +37,11 @@ def _material_items() -> list[tuple[str, str, str, int]]:
 
 
 MATERIAL_ITEMS = _material_items()
+
+PRESET = "PRESET"
+"""Identifier of the choice that stands for None."""
+PART_ITEMS = [(PRESET, "As the Stem", "The material of the rest of the object", 10_000), *MATERIAL_ITEMS]
+"""Menu items of a part's material; the first one has a number that no material will get."""
 
 WAYS = [
     ("AUTO", "Automatic", "Location and rotation for bodies that stay rigid, a point cache for very large ones, else shape keys"),

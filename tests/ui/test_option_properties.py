@@ -13,7 +13,7 @@ import seeing_wind.ui as ui
 from seeing_wind.engine.materials import MATERIALS
 from seeing_wind.engine.settings import BodyEdit, BuildSettings, ColliderEdit, Edit, ObserveSettings, RecoverSettings
 from seeing_wind.engine.settings.option import option
-from seeing_wind.ui.clip.object.material_menu import CHOSEN_FOR, SEEING_WIND_MT_material
+from seeing_wind.ui.clip.object.material_menu import CHOICES, CHOSEN_FOR
 from seeing_wind.ui.option_properties import give, panel_options, part_of, value_of, values_of, with_options
 from seeing_wind.ui.property_kinds import HEADINGS, MATERIAL_ITEMS
 from tests.ui.drawn import Drawn
@@ -74,7 +74,7 @@ def test_every_value_goes_in_and_comes_out_again(settings, tmp_path) -> None:
         for one in panel_options(cls):
             low = one.minimum if one.above is None else one.above
             some = {float: round((low or 0.0) + 1.0, 3), int: int(low or 0) + 1, bool: True, str: str(file)}[one.kind]
-            value = next(reversed(one.choices)) if one.choices else "paper" if one.name == "material" else some
+            value = next(reversed(one.choices)) if one.choices else "paper" if one.name.endswith("material") else some
             value = [value + each for each in range(one.count)] if one.count else value
             give(group, one, value)
             assert value_of(group, one) == (tuple(value) if one.count else value), one.name
@@ -98,10 +98,12 @@ def test_materials_stand_below_headings_and_keep_their_numbers(settings) -> None
     assert ("hdpe", "HDPE") in listed and ("plant_stem", "Plant Stem") in listed
 
 
-def test_each_material_stands_in_the_menu_of_its_kind(settings) -> None:
+@pytest.mark.parametrize("chosen", CHOICES)
+def test_each_material_stands_in_the_menu_of_its_kind(settings, chosen) -> None:
     layout, context = Drawn(), SimpleNamespace(**{CHOSEN_FOR: settings})
-    SEEING_WIND_MT_material.draw(SimpleNamespace(layout=layout), context)
+    getattr(bpy.types, f"SEEING_WIND_MT_{chosen}").draw(SimpleNamespace(layout=layout), context)
     assert len(layout.menus) == len(HEADINGS)
+    assert layout.items == ([] if chosen == "material" else ["PRESET"]), "a part may be as the rest"
     below = Drawn()
     for name in layout.menus:
         getattr(bpy.types, name).draw(SimpleNamespace(layout=below), context)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
+from types import SimpleNamespace
 
 import bpy
 import numpy as np
@@ -17,9 +18,11 @@ from seeing_wind.ui.clip.inputs.camera import scene_camera
 from seeing_wind.ui.clip.inputs.held import painted_pixels
 from seeing_wind.ui.clip.inputs.lens import straightened
 from seeing_wind.ui.clip.marked import marks_of
+from seeing_wind.ui.clip.object.panel import ObjectTab
 from seeing_wind.ui.job.take_reading import field_summary, read_seen
 from seeing_wind.ui.recover.request import RecoverRequest
 from tests.ui.clip.inputs import HEIGHT, WIDTH, camera, read_png, solve, spline, with_box, written
+from tests.ui.drawn import Drawn
 from tests.ui.jobs import recover
 from tests.ui.meshes import group
 
@@ -47,6 +50,30 @@ def test_a_box_is_held_to_the_pixel(settings, scene, tmp_path) -> None:
     settings.held_box = (0.0, 0.0, 0.0, 0.0)
     with pytest.raises(RuntimeError, match="No box is drawn round the held part"):
         bpy.ops.seeing_wind.recover()
+
+
+def test_what_is_held_may_have_a_head_and_leaves_of_other_materials(settings, scene, tmp_path) -> None:
+    def menus() -> list[str]:
+        layout = Drawn()
+        ObjectTab.fill(SimpleNamespace(bl_space_type="VIEW_3D"), bpy.context, layout)
+        return layout.menus
+
+    settings.take = str(tmp_path / "one.take")
+    with_box(settings)
+    before = RecoverRequest.of(scene)
+    assert menus() == ["SEEING_WIND_MT_material"] and before.build.head_material is None
+    settings.held_mode, settings.held_box = "BOX", (30.0, 40.0, 35.0, 44.0)
+    assert menus() == [f"SEEING_WIND_MT_{name}" for name in ("material", "head_material", "leaf_material")]
+    plain = RecoverRequest.of(scene)
+    assert not any(word.endswith("-material") for word in plain.arguments())
+    settings.head_material, settings.leaf_material = "flower_head", "leaf"
+    words = RecoverRequest.of(scene).arguments()
+    assert words[words.index("--head-material") + 1] == "flower_head" and words[words.index("--leaf-material") + 1] == "leaf"
+    assert RecoverRequest.of(scene).digest() != plain.digest()
+    settings.held_box = (0.0, 0.0, 0.0, 0.0)
+    assert len(menus()) == 3, "what is set stays in sight"
+    settings.head_material = settings.leaf_material = "PRESET"
+    assert len(menus()) == 1
 
 
 def test_boxes_stay_in_sight_over_the_first_frame_until_their_step_folds(settings, scene, video) -> None:

@@ -31,7 +31,8 @@ def take(stand_in, workplace, tmp_path) -> Path:
     observed = {"clip": clip, "box": [20.0, 20.0, 44.0, 44.0], "distance": 2.5, "frames": [2, 9], "fov": 40.0, "seed": 4}
     observed["correct"] = [5.0, 20.5, 12.0, 1.0, 3.0, 30.0, 11.0, 0.0]
     Take(folder).finish("observe", "o", observed | {"mask": "/gone.png"})
-    Take(folder).finish("build", "b", {"material": "paper", "density": 800.0, "law": "corotated", "particles": 500})
+    made = {"material": "paper", "density": 800.0, "law": "corotated", "particles": 500, "head_material": "flower_head"}
+    Take(folder).finish("build", "b", made)
     Take(folder).finish("solve", "s", {"gravity": [0.0, 0.0, -3.0], "iterations": 7, "stiffness": "free"})
     bpy.ops.wm.read_factory_settings(use_empty=True)
     return folder
@@ -45,6 +46,7 @@ def test_reload_into_a_new_file_fills_the_panel(take, workplace) -> None:
     assert settings.distance == pytest.approx(2.5) and settings.scale_mode == "DISTANCE" and tuple(settings.frames) == (2, 9)
     assert settings.use_frames and settings.fov == pytest.approx(40.0) and settings.camera_mode == "FOV"
     assert (settings.material, settings.use_density, settings.density, settings.law) == ("paper", True, 800.0, "COROTATED")
+    assert (settings.head_material, settings.leaf_material) == ("flower_head", "PRESET")
     assert settings.gravity_mode == "CUSTOM" and settings.gravity[2] == pytest.approx(-3.0) and settings.iterations == 7
     points = [(one.clip_frame, tuple(one.place), one.beside) for one in settings.corrections]
     assert points == [(5, (20.5, 12.0), False), (3, (30.0, 11.0), True)]

@@ -9,6 +9,7 @@ from ...job import status
 from ...job.panel_pieces import Tab, columns, draw_failure, draw_job, draw_override, draw_progress, draw_text, fold, panels
 from ...job.status import State
 from ...option_properties import panel_options
+from ...property_kinds import PRESET
 from .material_menu import draw_material
 from .preview import FILM, IMAGE
 
@@ -30,6 +31,9 @@ class ObjectTab(Tab):
         else:
             column.prop(settings, "pixels_per_metre" if settings.scale_mode == "PIXELS" else "distance")
         draw_material(column, settings)
+        if _has_parts(settings):
+            draw_material(column, settings, "head_material")
+            draw_material(column, settings, "leaf_material")
         column.prop(settings, "form")
         _draw_material(column, settings)
         _draw_corrections(column, settings)
@@ -40,6 +44,12 @@ class ObjectTab(Tab):
         _draw_preview(layout, context, settings)
         _draw_guesses(layout, context, settings, self.bl_space_type)
         _draw_more(layout, settings)
+
+
+def _has_parts(settings) -> bool:
+    """Whether the object may have parts with materials of their own: a place is marked as held, or such a material is set already."""
+    marked = {"FILE": bool(settings.pin), "BOX": any(settings.held_box), "BLENDER_MASK": settings.held_mask is not None}
+    return marked[settings.held_mode] or any(getattr(settings, f"{part}_material") != PRESET for part in ("head", "leaf"))
 
 
 def _draw_object(column, settings) -> None:

@@ -9,7 +9,7 @@ from bpy.props import BoolProperty, CollectionProperty, FloatVectorProperty, Int
 from ....engine.settings import BuildSettings, ObserveSettings, options_of
 from ....engine.settings.build import MADE
 from ...option_properties import with_options
-from ...property_kinds import KEPT, MATERIAL_ITEMS, PATH, changed, choice, is_mesh, toggle
+from ...property_kinds import KEPT, MATERIAL_ITEMS, PART_ITEMS, PATH, changed, choice, is_mesh, toggle
 from ..properties import OF_THE_CLIP
 
 NUMBERS = [one.name for one in options_of(BuildSettings).values() if one.group == MADE and one.kind is float]
@@ -48,6 +48,8 @@ class ObjectOptions:
         ("PROXY", "Proxy Mesh", "A mesh of the scene stands where the object is in the first frame and gives the depth of each pixel"),
     ])  # fmt: skip
     material: choice("Material", "What the object is made of", MATERIAL_ITEMS, BuildSettings.material)
+    head_material: choice("Head Material", "What the part is made of that a stem carries, such as a flower", PART_ITEMS)
+    leaf_material: choice("Leaf Material", "What the leaves beside a stem are made of", PART_ITEMS)
 
 
 @with_options(BuildSettings, only=("law",))
