@@ -23,8 +23,11 @@ from seeing_wind.engine.observe.object.shape.parts import parts_of
 from seeing_wind.engine.observe.object.shape.relief import relief_of
 from seeing_wind.engine.observe.preview.held import propose_held
 from seeing_wind.engine.progress import NoProgress
+from seeing_wind.engine.record_arrays import read_body, read_recovery, to_arrays
 from seeing_wind.engine.records import Observation
 from seeing_wind.engine.settings import ObserveSettings
+from seeing_wind.engine.settings.build import PartMaterials
+from seeing_wind.engine.take import Take
 
 HEIGHT, WIDTH, FRAMES = 200, 150, 16
 GRAIN = 10.0
@@ -155,8 +158,8 @@ def test_a_wider_softer_rod_sways_as_the_thin_stiff_stem_does(seen: Observation)
     relief = relief_of(held)
     assert relief.parts is not None
     slow, stiff = (dataclasses.replace(find("plant_stem"), youngs_modulus=E, loss_factor=0.0) for E in (4e4, 1.2e6))
-    assert widening(relief, relief.parts, slow, 1.0 / 30.0) == 1.0, "200 substeps carry it as it is"
-    wider = widening(relief, relief.parts, stiff, 1.0 / 30.0)
+    assert widening(relief, relief.parts, PartMaterials(slow, slow, slow), 1.0 / 30.0) == 1.0, "200 substeps carry it as it is"
+    wider = widening(relief, relief.parts, PartMaterials(stiff, stiff, stiff), 1.0 / 30.0)
     assert wider > 2.0
     ways, substeps = [], []
     for factor in (1.0, wider):
@@ -174,3 +177,28 @@ def test_a_wider_softer_rod_sways_as_the_thin_stiff_stem_does(seen: Observation)
     assert substeps[1] <= LIMITS.max_substeps < 0.3 * substeps[0]
     assert ways[1] == pytest.approx(ways[0], rel=0.15)
     assert ways[0] < 0.9 * 0.5 * 0.05 * 1.0**2, "the stem holds it back"
+
+
+def test_recover_takes_the_materials_of_the_parts_along(engine, filmed: tuple[Path, np.ndarray], seen: Observation, tmp_path: Path) -> None:
+    """To the take and back; that the head is heavier than the stem bears matters under gravity only."""
+    cv2.imwrite(str(tmp_path / "pin.png"), propose_held(seen).astype(np.uint8) * 255)
+    columns = np.nonzero(filmed[1][0])[1]
+    words = ["recover", filmed[0], "--box", columns.min() - 6, 19, columns.max() + 6, HEIGHT - 1, "--pixels-per-metre", 800, "--pin",
+             tmp_path / "pin.png", "--material", "plant_stem", "--youngs-modulus", 2e6, "--iterations", 1, "--representation", "point",
+             "--report", "none", "--take", tmp_path / "one.take"]  # fmt: skip
+    own = [*words, "--head-material", "flower_head", "--no-gravity"]
+    notes = engine(*own, expect=0)[-1]["notes"]
+    assert not any("would fall" in note for note in notes)
+    body, found = read_body(Take(tmp_path / "one.take")), read_recovery(Take(tmp_path / "one.take"))
+    density = body.particles.density(body.material)
+    assert set(np.round(density)) == {200.0, 900.0} and density[body.particles.pinned].min() == pytest.approx(900.0)
+    assert engine(*own, expect=0)[-1]["notes"] == notes
+    again = read_recovery(Take(tmp_path / "one.take"))
+    for name, array in to_arrays(found).items():
+        np.testing.assert_array_equal(to_arrays(again)[name], array, err_msg=name)
+    # A head as heavy as that is followed only roughly under gravity, which is what code 3 says.
+    (fall,) = [note for note in engine(*words, expect=3)[-1]["notes"] if note.startswith("The head weighs")]
+    assert "would fall" in fall and read_body(Take(tmp_path / "one.take")).particles.mixture is None
+    for gravity, said in (([], True), (["--no-gravity"], False)):
+        verdicts = engine("observe", *words[1:], *gravity, expect=0)[-1]["verdicts"]
+        assert any(one["item"] == "body" and one["because"] == fall for one in verdicts) == said
